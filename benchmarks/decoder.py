@@ -28,7 +28,7 @@ byte by byte."""
 
 
 @dataclass(frozen=True)
-class Kind:
+class StreamKind:
     """Decoder under test, with its frame encoder, its frame check and bytes that occur often in its frames."""
 
     decoder: Callable[[], Decoder]
@@ -78,13 +78,13 @@ def protocol2_frame(servo_id: int, error: int, data: bytes) -> bytes:
 
 
 KINDS = {
-    "Feetech and protocol 1.0": Kind(
+    "Feetech and protocol 1.0": StreamKind(
         lambda: feetech.ReplyDecoder(DATA_SIZE),
         feetech.packet,
         stands_in_feetech,
         bytes((0xFF, 0xFF, 0xFF, DATA_SIZE + 2, 1, 0, 0xFE, 7)),
     ),
-    "protocol 2.0": Kind(
+    "protocol 2.0": StreamKind(
         lambda: protocol2.ReplyDecoder(DATA_SIZE),
         protocol2_frame,
         stands_in_protocol2,
@@ -93,7 +93,7 @@ KINDS = {
 }
 
 
-def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
+def scrap(kind: StreamKind, chance: random.Random, table: bytes) -> bytes:
     """Return a valid reply, a truncated reply (maybe only its header), a reply with a flipped bit, or a few bytes."""
     content = chance.randbytes(chance.choice((DATA_SIZE, DATA_SIZE, DATA_SIZE, 0))).translate(table)
     frame = kind.frame(chance.randrange(253), chance.randrange(256), content)
@@ -108,7 +108,7 @@ def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
     return chance.randbytes(chance.randrange(4)).translate(table)
 
 
-def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
+def pieces(kind: StreamKind, size: int, seed: int) -> list[bytes]:
     """Return about ``size`` bytes in chunks of random length.
 
     Random bytes, bytes that occur often in frames, and fragments of frames alternate.
@@ -128,7 +128,7 @@ def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
     return made
 
 
-def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
+def flood(kind: StreamKind, noise: list[bytes]) -> tuple[int, int]:
     """Return the number of accepted frames, and how many of them do not occur in the stream with a valid checksum."""
     decoder = kind.decoder()
     probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)

@@ -39,7 +39,7 @@ XL330_PER_RAD = 4096 / (2.0 * pi) / (256 * 885) * 400
 """Fraction of full drive per rad of position error, at the factory P gain."""
 
 
-class Bench:
+class DynamixelBench:
     """Servo on a shaft, with torque enabled at its present position."""
 
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
@@ -96,7 +96,7 @@ def drives() -> Iterator[Figure]:
         (MX_64, ax_mx.present_load, 1023.0, 0.158 * 32, "law"),
     )
     for model, shown, full, expected, source in cases:
-        bench = Bench(model)
+        bench = DynamixelBench(model)
         bench.go(HELD_BY_COUNTS)
         bench.wait(0.2, held=True)
         error_rad = HELD_BY_COUNTS * 2.0 * pi / model.counts_per_turn
@@ -108,7 +108,7 @@ def speeds() -> Iterator[Figure]:
     """Yield the speeds at full drive without load."""
     why = "with each of BAM's friction laws, the XL-320 is slower than in its data sheet"
     for model in (X330, MX_64, MX_106, XL):
-        bench = Bench(model)
+        bench = DynamixelBench(model)
         bench.start_below(FULL_DRIVE_RAD)
         fastest = 0.0
         for _ in range(50):
@@ -121,7 +121,7 @@ def speeds() -> Iterator[Figure]:
 
 def lifts(model: ServoModel, load_nm: float) -> bool:
     """Return whether the servo lifts this load at full drive."""
-    bench = Bench(model, -load_nm)
+    bench = DynamixelBench(model, -load_nm)
     before = bench.start_below(FULL_DRIVE_RAD)
     bench.wait(0.15)
     return bench.plant.angles()[0] > before
@@ -148,7 +148,7 @@ def stalls() -> Iterator[Figure]:
 def sag_counts(load_nm: float, from_counts: int) -> int:
     """Return the distance of an XL330 from its goal under a load, after the servo has approached the goal from this
     side."""
-    bench = Bench(X330, -load_nm)
+    bench = DynamixelBench(X330, -load_nm)
     goal = bench.read(x.present_position)
     bench.start_below(-from_counts * 2.0 * pi / 4096)
     bench.wait(2.0)

@@ -36,7 +36,7 @@ RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
 """Friction (0.75 rad/s2) and damping (5.4 rad/s without load) of the servo whose steps were recorded."""
 
 
-class Bench:
+class StsBench:
     """Servo on a shaft. The bytes on its bus take no time, so that the servo can be read every millisecond."""
 
     def __init__(self, model: ServoModel, *, load_nm: float = 0.0, friction_nm: float, damping_nm_s: float) -> None:
@@ -50,17 +50,17 @@ class Bench:
         self.wait(0.1)
 
     @classmethod
-    def recorded(cls) -> "Bench":
+    def recorded(cls) -> "StsBench":
         """Return the servo of the recorded steps: 7.4 V, no load, and a set-point with unlimited acceleration."""
         bench = cls(sts.STS3215_C001, friction_nm=RECORDED_FRICTION_NM, damping_nm_s=RECORDED_DAMPING_NM_S)
         return bench.unlimited()
 
     @classmethod
-    def at_12_v(cls, load_nm: float = 0.0) -> "Bench":
+    def at_12_v(cls, load_nm: float = 0.0) -> "StsBench":
         """Return the 12 V version of the servo with a load that pulls toward smaller counts."""
         return cls(sts.STS3215, load_nm=-load_nm, friction_nm=RECORDED_FRICTION_NM, damping_nm_s=0.03)
 
-    def unlimited(self) -> "Bench":
+    def unlimited(self) -> "StsBench":
         """Remove the default acceleration limit."""
         self.write(sts.acceleration_multiplier, 0)
         self.write(sts.acceleration, 0)  # this write applies the multiplier
@@ -108,7 +108,7 @@ class Bench:
 
 def step(size: int) -> list[int]:
     """Return the positions during a step relative to its start, under the conditions of the recording."""
-    bench = Bench.recorded()
+    bench = StsBench.recorded()
     start = bench.read(sts.present_position)
     bench.write(sts.goal_position, start + size)
     return [position - start for position in bench.trace(800)]
@@ -138,7 +138,7 @@ def sag() -> Iterator[Figure]:
     """Yield the distance by which a load pulls the shaft away from its goal."""
     sags = {}
     for load_nm in (0.5, 1.0):
-        bench = Bench.at_12_v(load_nm)
+        bench = StsBench.at_12_v(load_nm)
         bench.write(sts.goal_position, MIDDLE)
         bench.wait(2.0)
         sags[load_nm] = MIDDLE - bench.read(sts.present_position)
@@ -148,7 +148,7 @@ def sag() -> Iterator[Figure]:
 
 
 def behind(
-    bench: Bench, path: Callable[[float], float], speed: Callable[[float], float], seconds: float
+    bench: StsBench, path: Callable[[float], float], speed: Callable[[float], float], seconds: float
 ) -> list[float]:
     """Return how far the shaft lags behind a path sent as 50 goals per second, in counts for each millisecond."""
     counts = []
@@ -160,7 +160,7 @@ def behind(
     return counts
 
 
-def follow_line(bench: Bench, speed_counts_s: float = 2.0 * COUNTS_PER_RAD) -> float:
+def follow_line(bench: StsBench, speed_counts_s: float = 2.0 * COUNTS_PER_RAD) -> float:
     """Return the final following error at a constant speed, in counts."""
     start = bench.read(sts.present_position) - 1000
     bench.write(sts.goal_position, start)
@@ -171,15 +171,15 @@ def follow_line(bench: Bench, speed_counts_s: float = 2.0 * COUNTS_PER_RAD) -> f
 
 def streams() -> Iterator[Figure]:
     """Yield the following errors for 50 goals per second, at 12 V without load."""
-    free = follow_line(Bench.at_12_v().unlimited())
+    free = follow_line(StsBench.at_12_v().unlimited())
     yield Figure("2 rad/s, unlimited acceleration: lag", "counts", free, 68, "firmware")
-    slow = follow_line(Bench.at_12_v())
+    slow = follow_line(StsBench.at_12_v())
     yield Figure("  additional lag with 10,000 counts/s2", "counts", slow - free, 88, "firmware")
-    bench = Bench.at_12_v()
+    bench = StsBench.at_12_v()
     bench.write(sts.max_acceleration, 254)
     yield Figure("  additional lag with 25,400 counts/s2", "counts", follow_line(bench) - free, 36, "firmware")
     size, rate = 500.0, 2.0 * pi * 0.5
-    bench = Bench.at_12_v()
+    bench = StsBench.at_12_v()
     bench.write(sts.goal_position, MIDDLE)
     bench.wait(1.0)
     counts = behind(
@@ -195,7 +195,7 @@ def protections() -> Iterator[Figure]:
         ("stall: overload after", 0, sts.status, 1 << 5),
         ("stall with a limit of 2.0 A: torque off after", 310, sts.torque_enable, 0),
     ):
-        bench = Bench.at_12_v().unlimited()
+        bench = StsBench.at_12_v().unlimited()
         bench.write(sts.protection_current, limit)
         bench.held = True
         bench.write(sts.goal_position, MIDDLE + 500)
@@ -206,12 +206,12 @@ def protections() -> Iterator[Figure]:
 
 def switches() -> Iterator[Figure]:
     """Yield the default effects of a goal write and of enabling torque on a limp servo."""
-    bench = Bench.at_12_v()
+    bench = StsBench.at_12_v()
     bench.write(sts.torque_enable, 1)
     bench.wait(1.0)
     moved = abs(bench.read(sts.present_position) - MIDDLE)
     yield Figure("torque enabled with a stale goal: motion", "counts", moved, 0, "firmware")
-    bench = Bench.at_12_v()
+    bench = StsBench.at_12_v()
     bench.write(sts.goal_position, MIDDLE + 200)
     yield Figure("goal written while limp: register 40 is", "", bench.read(sts.torque_enable), 1, "firmware")
     bench.wait(1.0)

@@ -35,7 +35,7 @@ MOST_APPLES: Final = 5
 
 
 @dataclass(slots=True)
-class Tally:
+class GradingTally:
     """Results for all images."""
 
     grades: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -55,7 +55,7 @@ def main() -> None:
     options = parser.parse_args()
     camera = table_camera()
     grader = Grader(view_of(camera))
-    tally = Tally()
+    tally = GradingTally()
     with in_words():
         for picture, truth in trays(camera, options.seed, options.apples):
             start_s = time.thread_time()
@@ -81,7 +81,7 @@ def trays(camera: PinholeCamera, seed: int, apples: int) -> Iterator[tuple[Pictu
         number, apples = number + 1, apples - count
 
 
-def compare(found: Sequence[GradedApple], truth: Sequence[AppleTruth], tally: Tally) -> None:
+def compare(found: Sequence[GradedApple], truth: Sequence[AppleTruth], tally: GradingTally) -> None:
     """Add the results for one image."""
     left = list(found)
     grade_of = GradingSettings().grade_of
@@ -106,7 +106,7 @@ def compare(found: Sequence[GradedApple], truth: Sequence[AppleTruth], tally: Ta
     tally.invented += len(left)
 
 
-def report(tally: Tally, console: Console) -> bool:
+def report(tally: GradingTally, console: Console) -> bool:
     """Print the confusion matrix and the statistics. Return whether all requirements are met."""
     names = sorted({name for pair in tally.grades for name in pair})
     grid = Grid("true grade", *names, title="measured grade")

@@ -47,7 +47,7 @@ JOINTS = tuple(Joint(f"joint{i}", i, sts.STS3215, two_ports.LIMITS) for i in IDS
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class RateFigures:
     """Results of one rate."""
 
     cycles: int
@@ -66,7 +66,7 @@ def served(link: Path) -> Iterator[str]:
         yield str(link)
 
 
-def run(device: str, rate_hz: float, cycles: int) -> Figures:
+def run(device: str, rate_hz: float, cycles: int) -> RateFigures:
     """Run ``cycles`` cycles of the real loop, which holds the arm still."""
     clock = MonotonicClock()
     missing = 0
@@ -88,7 +88,7 @@ def run(device: str, rate_hz: float, cycles: int) -> Figures:
         loop.run(lambda: loop.figures.cycles >= cycles)
         share = (time.process_time() - cpu_s) / (time.perf_counter() - begin_s)
         figures = loop.figures
-        return Figures(figures.cycles, figures.missed, figures.unmeasured, missing / (cycles * len(JOINTS)), share)
+        return RateFigures(figures.cycles, figures.missed, figures.unmeasured, missing / (cycles * len(JOINTS)), share)
     finally:
         hardware.cleanup()
 

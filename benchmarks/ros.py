@@ -50,7 +50,7 @@ UPSTREAM = {
 
 
 @dataclass(slots=True)
-class Figures(Promptness):
+class RosSideFigures(Promptness):
     """All measured values, in seconds, except for ``cpu_share`` (of a core) and ``memory_mb``."""
 
     cpu_share: float = 0.0
@@ -89,9 +89,9 @@ def stack() -> Iterator[psutil.Process]:
                 os.environ |= {name: value} if value is not None else {}
 
 
-def measure(idle_s: float, goals_s: float) -> Figures:
+def measure(idle_s: float, goals_s: float) -> RosSideFigures:
     """Run all measurements."""
-    figures = Figures()
+    figures = RosSideFigures()
     with stack() as process, client_node("bench_ros") as (node, executor):
         client = TimingClient(node, executor, TimedController(JOINTS), figures)
         client.spin(SETTLE_S)
@@ -124,7 +124,7 @@ def _quantiles(values: Sequence[float], scale: float, shares: Sequence[float]) -
     return " / ".join(f"{value * scale:.3g}" for value in found) if ordered else "-"
 
 
-def show(console: Console, figures: Figures) -> None:
+def show(console: Console, figures: RosSideFigures) -> None:
     """Print the results as a table."""
     periods = [b - a for a, b in zip(figures.stamps_s, figures.stamps_s[1:], strict=False)]
     middle_s = statistics.median(periods)

@@ -38,7 +38,7 @@ PATIENCE_S: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class StackUsage:
     """Counters of one stack at a given time."""
 
     time_s: float
@@ -48,13 +48,13 @@ class Snapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class RunningStack:
+class MeasuredStack:
     """Process of a stack, with its ROS domain."""
 
     process: psutil.Process
     domain: int
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> StackUsage:
         """Read the counters of the control loop from its diagnostics, which are published once per second."""
         os.environ["ROS_DOMAIN_ID"] = str(self.domain)
         with client_node("benchmark_several_stacks") as (node, executor):
@@ -66,11 +66,13 @@ class RunningStack:
                 monitor.spin(0.1)
             loop = monitor.newest.loop
             used = self.process.cpu_times()
-            return Snapshot(time.monotonic(), used.user + used.system, int(loop["cycles"]), int(loop["missed_cycles"]))
+            return StackUsage(
+                time.monotonic(), used.user + used.system, int(loop["cycles"]), int(loop["missed_cycles"])
+            )
 
 
 @contextmanager
-def stacks(count: int) -> Iterator[list[RunningStack]]:
+def stacks(count: int) -> Iterator[list[MeasuredStack]]:
     """Run the stacks and the servos of their arms."""
     with ExitStack() as entered:
         home = Path(entered.enter_context(tempfile.TemporaryDirectory()))
@@ -81,7 +83,7 @@ def stacks(count: int) -> Iterator[list[RunningStack]]:
             device = entered.enter_context(served(folder / "line"))
             domain = FIRST_DOMAIN + number
             process = entered.enter_context(stack(device, RATE_HZ, folder, domain))
-            running.append(RunningStack(process, domain))
+            running.append(MeasuredStack(process, domain))
         yield running
 
 

@@ -69,7 +69,7 @@ def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class SpeedFigures:
     """Speeds as multiples of real time, and each part's fraction of the whole stack's time."""
 
     world: float
@@ -114,7 +114,7 @@ def servos_speed(runs: int, steps: int) -> float:
     return steps * world.timestep_s / best_s(line.rig.step, steps, runs)
 
 
-def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> Figures:
+def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> SpeedFigures:
     """Run all measurements.
 
     The fractions of the parts are measured in a separate run, because the stopwatch itself adds overhead. The first
@@ -130,7 +130,7 @@ def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = No
     move()
     move()
     way_s = 2 * MOVE_S
-    return Figures(
+    return SpeedFigures(
         world_speed(runs, steps),
         servos_speed(runs, steps),
         way_s / stack_s,
@@ -140,7 +140,7 @@ def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = No
     )
 
 
-def show(console: Console, figures: Figures) -> None:
+def show(console: Console, figures: SpeedFigures) -> None:
     """Print the results."""
     table = Table("", "times real time", title="simulation on one core")
     table.add_row("world alone", f"{figures.world:.0f}")

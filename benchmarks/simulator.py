@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.dynamixel_servos import DynamixelServos
 from benchmarks.shared.arguments import free_path, positive, silence
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.protocol import v1 as wire
 from servoloop.bench.bus import parse_ids
 
@@ -69,7 +69,7 @@ class Servos:
         return TABLE
 
 
-class Line:
+class SimulatedBus:
     """Servo side of a pseudo-terminal.
 
     Both ends are open in this process, as in most simulators.
@@ -122,7 +122,7 @@ def main() -> None:
     kind = DynamixelServos if arguments.make == "dynamixel" else Servos
     try:
         servos = kind(parse_ids(arguments.ids))
-        line = Line(arguments.link, servos, arguments.paced)
+        line = SimulatedBus(arguments.link, servos, arguments.paced)
     except DriverError as error:
         parser.error(str(error))
     except OSError as error:

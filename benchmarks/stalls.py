@@ -127,7 +127,7 @@ class JointSteps:
 
 
 @dataclass(slots=True)
-class Outcome:
+class StallOutcome:
     """Results of all jobs in one case."""
 
     side: str
@@ -141,18 +141,18 @@ class Outcome:
     texts: list[str] = field(default_factory=list)
 
 
-def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
+def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> StallOutcome:
     """Run a number of jobs in a new cell while the processes of this case are paused repeatedly."""
     with Live(console) as live, cell(CellOptions(folder, backlash_deg=0.0), live) as ready:
         return _measure(side, jobs, seed, folder, ready)
 
 
-def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> Outcome:
+def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> StallOutcome:
     limits = {name: limit.velocity for name, limit in read_files().limits.items()}
     steps = JointSteps(WorldFeedClient(feed_path(folder / "bus")), limits)
     ready.runner.idle(1.0)
     stalls = Stalls([ready.process_ids[name] for name in SIDES[side]], seed, steps)
-    found = Outcome(side)
+    found = StallOutcome(side)
     try:
         for number in range(jobs):
             run = ready.runner.run(GRADES[number % len(GRADES)])
@@ -169,7 +169,7 @@ def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> Outc
     return found
 
 
-def show(console: Console, outcomes: Sequence[Outcome]) -> None:
+def show(console: Console, outcomes: Sequence[StallOutcome]) -> None:
     """Print one row per case, and the messages of failed jobs."""
     table = Table(title="jobs while processes are stopped for 0.05 to 0.2 s")
     for title in ("side", "stalls", "longest, s", "cubes", "missed cycles", "largest step / velocity limit"):

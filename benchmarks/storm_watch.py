@@ -37,7 +37,7 @@ def participant(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
 
 
 @dataclass(slots=True)
-class Watch:
+class StormWatch:
     """Observer that listens to the stack in a separate thread."""
 
     stamps_s: list[float] = field(default_factory=list)

@@ -27,7 +27,7 @@ from rich.table import Table
 
 from benchmarks.processes.children import child, kill, next_line, start
 from benchmarks.ros import HERE, PATIENCE_S, goal_to, stack
-from benchmarks.storm_watch import Watch, participant
+from benchmarks.storm_watch import StormWatch, participant
 from nodes.ros_process import spin_until_done
 
 GOALS_PER_S = 100
@@ -200,7 +200,7 @@ STORMS: dict[str, Callable[[float], None]] = {
 }
 
 
-def run(name: str, seconds: float, watch: Watch) -> tuple[list[float], int, float]:
+def run(name: str, seconds: float, watch: StormWatch) -> tuple[list[float], int, float]:
     """Run one storm.
 
     Returns:
@@ -237,7 +237,7 @@ def main() -> None:
     random.seed(1)
     found = {}
     with stack():
-        watch = Watch()
+        watch = StormWatch()
         thread = threading.Thread(target=watch.run)
         thread.start()
         try:

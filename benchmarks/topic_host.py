@@ -28,7 +28,7 @@ from sensor_msgs.msg import JointState
 
 from benchmarks.shared.arguments import in_words, positive
 from benchmarks.stream import STEP_RAD, TRAFFIC, Streamed, goals_on_the_bus, latencies_s
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import FloatArray
 from nodes.clients.client_node import client_node
 from nodes.discovery import stay_on_this_machine

@@ -66,7 +66,7 @@ class TimedHardware(ServoHardware):
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class TwoPortFigures:
     """Results of one run."""
 
     cycles: int
@@ -86,7 +86,7 @@ def serve(
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")
     simulator.TABLE[sts.torque_enable.address] = 1
     claim_realtime_priority()
-    line = simulator.Line(link, kind(list(servo_ids)), BAUD)
+    line = simulator.SimulatedBus(link, kind(list(servo_ids)), BAUD)
     print("ready", flush=True)
     while True:
         line.serve_once()
@@ -99,7 +99,7 @@ def served(link: Path) -> Iterator[str]:
         yield str(link)
 
 
-def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
+def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> TwoPortFigures:
     """Run ``cycles`` cycles of the real loop, which holds the arm still."""
     clock = MonotonicClock()
     buses: dict[str, Bus] = {}
@@ -124,7 +124,7 @@ def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
         p50_s, p99_s = (reads[int(part * (len(reads) - 1))] for part in (0.5, 0.99))
         faults = [bus.counters.faults() for bus in buses.values()]
         total = {kind: sum(of[kind] for of in faults) for kind in faults[0]}
-        return Figures(loop.figures.cycles, loop.figures.missed, p50_s, p99_s, share, total)
+        return TwoPortFigures(loop.figures.cycles, loop.figures.missed, p50_s, p99_s, share, total)
     finally:
         hardware.cleanup()
 

@@ -40,7 +40,7 @@ QUANTILES: Final = (0.5, 0.99, 0.999, 1.0)
 
 
 @dataclass(slots=True)
-class Outcome:
+class ViewOutcome:
     """Jobs of one run, with the timing of the loop."""
 
     view: bool
@@ -58,9 +58,9 @@ class Outcome:
     """Processor time of the browser and its child processes, in seconds."""
 
 
-def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
+def measure(view: bool, jobs: int, folder: Path, console: Console) -> ViewOutcome:
     """Run ``jobs`` jobs in a new cell."""
-    found, recording = Outcome(view), folder / "run.mcap"
+    found, recording = ViewOutcome(view), folder / "run.mcap"
     options = CellOptions(folder, backlash_deg=0.0, record=recording, view=view)
     with Live(console) as live, cell(options, live) as ready:
         if not view:
@@ -104,7 +104,7 @@ def _browser_s() -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def _run_jobs(found: Outcome, ready: Cell, jobs: int) -> None:
+def _run_jobs(found: ViewOutcome, ready: Cell, jobs: int) -> None:
     ready.runner.idle(2.0)
     for number in range(jobs):
         run = ready.runner.run(GRADES[number % len(GRADES)])
@@ -117,7 +117,7 @@ def _run_jobs(found: Outcome, ready: Cell, jobs: int) -> None:
     found.loop = ready.monitor.newest.loop
 
 
-def show(console: Console, outcomes: list[Outcome]) -> None:
+def show(console: Console, outcomes: list[ViewOutcome]) -> None:
     """Print one row per run, and the ratios of all runs with the page to all runs without it."""
     table = Table(
         *("page", "cubes", "cycles", "missed", "latest, ms", "cycles begin, us off", "measured, us off", "browser, s")

@@ -4,7 +4,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 
 def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:

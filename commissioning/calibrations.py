@@ -10,10 +10,10 @@ from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import JointCalibration, travel_warnings
 from commissioning.calibrate.store import save
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.lerobot import lerobot_text, places, read_lerobot, to_lerobot, without_prefix
 from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path, load_calibration
 from hal.robot_file.robot_file import RobotFile

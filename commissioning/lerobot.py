@@ -17,7 +17,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from drivers.servos.angles import LARGEST_OFFSET
 from hal.plausible import Counts, NoTruth, ServoId
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile

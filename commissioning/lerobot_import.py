@@ -13,7 +13,7 @@ from commissioning.calibrate.by_hand import as_joint
 from commissioning.calibrate.plan import JointPlan, Zero
 from commissioning.calibrate.result import SWEPT_SHARE, JointCalibration, travel_warnings, unit
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, can_move_seam
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.lerobot import LEROBOT_ZERO_COUNTS, LerobotFile, LerobotJoint, entry_mistakes, entry_of, prefix_of
 from drivers.servos.catalog import series_of
 from hal.joint import Joint

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.confirm import confirmed_positions
 from hal.fault_timeout import FaultTimeout
 from hal.gate import SafetyGate

@@ -9,10 +9,10 @@ from typing import Final
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED, Request
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.components.component import CONFIGURED, Component
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError, HalError, LifecycleError
+from hal.hal_errors import ActivationError, HalError, LifecycleError
 from hal.hardware import Reactivating, outputs_of, undo_activation
 from hal.lifecycle import LifecycleState
 from hal.types import JointState

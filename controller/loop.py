@@ -18,8 +18,8 @@ from hal.components.component import Component
 from hal.components.component_lifecycle import activate_all, undo_all
 from hal.components.component_set import ComponentSet
 from hal.confirm import confirmed_positions
-from hal.errors import ActivationError
 from hal.gate import SafetyGate
+from hal.hal_errors import ActivationError
 from hal.types import FloatArray, Interface, JointLimits, JointState, far_outside, joints_of
 
 LOG = logging.getLogger("servoloop.controller")

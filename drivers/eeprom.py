@@ -15,7 +15,7 @@ from functools import partial
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoSilent
+from drivers.driver_errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoSilent
 from drivers.servos.register import Access, Register
 
 LARGEST_ID = 253

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.types import FloatArray, JointState
 
 READINGS: Final = 5

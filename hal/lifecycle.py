@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-from hal.errors import LifecycleError
+from hal.hal_errors import LifecycleError
 
 
 class LifecycleState(Enum):

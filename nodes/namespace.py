@@ -3,7 +3,7 @@
 import re
 from typing import Final, Protocol
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 
 class _Named(Protocol):

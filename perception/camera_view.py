@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 from hal.rotations import matrices, quaternions
 from hal.types import FloatArray
 from hal.yaml_file import load
-from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics
+from perception.perception_errors import CameraFileError
 
 LOWEST_SLOPE: Final = 0.05
 """Minimum downward slope of a ray that is intersected with the plane. A shallower ray meets the plane too far away."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from drivers.clock import Clock
-from perception.errors import CameraError, CameraSilent, PerceptionError, SourceEnded
 from perception.frames import CameraSource, Frame, Picture
 from perception.grading.grader import GradedApple
+from perception.perception_errors import CameraError, CameraSilent, PerceptionError, SourceEnded
 
 RETRY_S: Final = 1.0
 """Time between two attempts to open a camera, in seconds."""

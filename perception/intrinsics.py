@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, mod
 
 from hal.types import FloatArray
 from hal.yaml_file import load
-from perception.errors import CameraFileError
+from perception.perception_errors import CameraFileError
 
 MODELS: Final = {"plumb_bob": 5, "rational_polynomial": 8}
 """Number of distortion coefficients of each supported distortion model."""

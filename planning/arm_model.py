@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from hal.types import FloatArray, JointLimits
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 
 SLIDE: Final = int(mujoco.mjtJoint.mjJNT_SLIDE)
 HINGE: Final = int(mujoco.mjtJoint.mjJNT_HINGE)

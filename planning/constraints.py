@@ -10,9 +10,9 @@ import numpy as np
 from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
 from planning.collision import MARGINS, PADDING_M, Collisions, Contact, Margins
-from planning.errors import PlanningError
 from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
+from planning.planning_errors import PlanningError
 from planning.scene import Pose, Scene
 
 STEP_RAD: Final = 0.02

@@ -7,11 +7,11 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.collision import CONTACT_M, Collisions, Margins
-from planning.errors import PlanningError
 from planning.kinematics.chain import Chain
 from planning.kinematics.goals import CollidingError, PoseGoal
 from planning.kinematics.inverse import InverseKinematics, Remaining, Valid
 from planning.motion import Goal, JointGoal, no_goal
+from planning.planning_errors import PlanningError
 from planning.scene import Pose
 
 SAMPLES: Final = 16

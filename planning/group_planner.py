@@ -10,7 +10,6 @@ from hal.types import FloatArray, JointLimits, far_outside
 from planning.arm_model import ArmModel
 from planning.collision import CONTACT_M, MARGINS, Clearance, Collisions, Margins
 from planning.constraints import ConstrainedCollisions, PathConstraints, Region
-from planning.errors import PlanningError
 from planning.group_goals import GroupGoals
 from planning.groups import Group
 from planning.kinematics.cartesian import Checks, tool_path
@@ -31,6 +30,7 @@ from planning.paths.request import PathRequest, Remaining
 from planning.paths.smooth_timing import timed_smoothly
 from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
+from planning.planning_errors import PlanningError
 from planning.scene import Pose, Scene
 
 THINNING_M: Final = 2e-4

@@ -6,7 +6,7 @@ from typing import Final
 
 from hal.robot_description.description import Description, UrdfJoint
 from hal.types import AT_LIMIT
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 
 ARM: Final = "arm"
 """Name of the derived group that contains the joints that move the tool."""

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from hal.types import FloatArray
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from planning.scene import Mesh
 
 KINDS: Final = (".stl", ".obj")

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from hal.types import FloatArray
 from planning.collision import Margins
 from planning.constraints import PathConstraints
-from planning.errors import PlanningError
 from planning.kinematics.cartesian import Steps
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal
 from planning.paths.request import Remaining
 from planning.paths.timing import TimedPath
+from planning.planning_errors import PlanningError
 from planning.scene import Pose, Scene
 
 State = Mapping[str, float]

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, SceneObject, Shape, Sphere, check_object
 
 MOST: Final = 1_000_000

@@ -10,10 +10,10 @@ from hal.robot_description.description import Description
 from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel, Pair
 from planning.collision import CONTACT_M, Collisions
-from planning.errors import PlanningError
 from planning.group_planner import GroupPlanner
 from planning.groups import Group, Groups
 from planning.motion import State, Touch, Validity
+from planning.planning_errors import PlanningError
 from planning.scene import Pose, Scene
 from planning.world_objects import world_objects
 

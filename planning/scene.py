@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hal.rotations import matrices
 from hal.types import FloatArray
 from planning.arm_model import Pair, pair
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 
 FLAT_M: Final = 1e-6
 """Extent below which a mesh is considered flat, in m. A flat mesh has no volume and therefore no hull."""

@@ -30,9 +30,9 @@ from hal.plausible import Finite, Positive
 from hal.text_file import read_text
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
-from planning.errors import PlanningError
 from planning.mesh_file import read_mesh
 from planning.moveit_scene import SceneFileError, parse_moveit_scene
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Cone, Cylinder, Pose, SceneObject, Shape, Sphere, check_object
 
 KINDS: Final = ("box", "cylinder", "cone", "sphere", "mesh")

@@ -12,8 +12,8 @@ from hal.robot_description.description import Description
 from hal.robot_description.xml_places import is_xacro, parse_xml, place
 from hal.text_file import read_xml
 from planning.arm_model import Pair, pair
-from planning.errors import PlanningError
 from planning.groups import EndEffector, Group, Groups, outside, path_to
+from planning.planning_errors import PlanningError
 
 OWN_POSITION: Final = ("revolute", "continuous", "prismatic")
 """Joint types with independent positions."""

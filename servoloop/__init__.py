@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from servoloop.api.arm import Arm
-    from servoloop.api.backend import ArmState
-    from servoloop.api.errors import (
+    from servoloop.api.arm_errors import (
         ArmBusyError,
         ArmEndedError,
         ArmError,
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
         PlanFailedError,
         StreamEndedError,
     )
+    from servoloop.api.backend import ArmState
     from servoloop.api.motion import ArmMotion, TargetStream
     from servoloop.api.planning.motion_planner import MotionPlanner
     from servoloop.api.planning.pose import ArmPose
@@ -62,4 +62,4 @@ def __getattr__(name: str) -> Any:
     """Load a name from the Python interface when it is first used."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"servoloop.api.{_MODULES.get(name, 'errors')}"), name)
+    return getattr(import_module(f"servoloop.api.{_MODULES.get(name, 'arm_errors')}"), name)

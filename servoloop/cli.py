@@ -7,13 +7,13 @@ from typing import Annotated, Final
 
 import typer
 
-from commissioning.errors import CalibrationError
-from controller.errors import ClaimError, ControllersFileError, PluginError
-from drivers.errors import DriverError
+from commissioning.commissioning_errors import CalibrationError
+from controller.manager_errors import ClaimError, ControllersFileError, PluginError
+from drivers.driver_errors import DriverError
 from drivers.printable import printable
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from nodes.ros_environment import RosError
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from servoloop.commands.shared.lazy_commands import MARKUP, Place, lazy_group
 from servoloop.extras import extra_error
 from servoloop.stack.processes import Interrupted

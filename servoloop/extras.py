@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Final
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 LIBRARIES: Final[Mapping[str, Mapping[str, str]]] = {
     "sim": {"mujoco": "mujoco", "numba": "numba", "PIL": "pillow"},

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from controller.host.host_controller import HostController
 from controller.interface import limits_of
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import Interface, joints_of
 from nodes.ros_environment import require_ros
 from nodes.topic_host.topics import HostTopics

@@ -8,7 +8,7 @@ from time import time
 from typing import TYPE_CHECKING, Final, Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.ros_environment import INSTALL, RosError, RosMissing, require_ros
 from servoloop.command_server.server import command_socket
 from servoloop.recording.stack_recording import StackRecording

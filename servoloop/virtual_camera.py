@@ -10,10 +10,10 @@ from typing import Any, Final
 
 from drivers.clock import Clock
 from perception.camera_view import CameraPose, CameraView
-from perception.errors import CameraLost, CameraMissing, CameraSilent
 from perception.frames import Frame
 from perception.grading.settings import GradingSettings
 from perception.intrinsics import Intrinsics
+from perception.perception_errors import CameraLost, CameraMissing, CameraSilent
 from sim_backend.camera.light import Light
 from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.truth import AppleTruth

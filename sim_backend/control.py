@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, Self
 
-from drivers.errors import PortError
+from drivers.driver_errors import PortError
 from sim_backend.scene.world_feed import listening
 
 ANSWER_S: Final = 5.0

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.plausible import Number, RegisterValue
 from hal.yaml_file import load
 from hal.yaml_nodes import compose

@@ -8,7 +8,7 @@ python tools/collision_matrix.py ./my_arm --samples 1000000    # an arm folder, 
 import argparse
 import sys
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.motion_planning.collision_matrix import SAMPLES, SEED, lines, reasons
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.shipped_files import OWN

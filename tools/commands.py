@@ -24,7 +24,7 @@ STOP_S = 5.0
 """Time a command has to stop before it is killed, in seconds."""
 
 
-class SetUpError(Exception):
+class ToolError(Exception):
     """Raised if the setup cannot continue. The message contains the cause and the remedy."""
 
 
@@ -71,7 +71,7 @@ class Commands:
             too_long.cancel()
         self._running.discard(process)
         if status != 0:
-            raise SetUpError(explain(log_path, command, status))
+            raise ToolError(explain(log_path, command, status))
 
     def stop(self) -> None:
         """Stop all running commands with their child processes. Kill the commands that do not stop in time or after a
@@ -92,7 +92,7 @@ class Commands:
     def _start(self, command: Iterable[str | Path], variables: Mapping[str, str]) -> "subprocess.Popen[str]":
         with self._lock:
             if self._stopped:
-                raise SetUpError("stopped")
+                raise ToolError("stopped")
             process = subprocess.Popen(
                 list(map(str, command)),
                 cwd=ROOT,

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from commands import SetUpError
+from commands import ToolError
 from places import ROOT
 
 
@@ -17,7 +17,7 @@ def plain_root(root: Path = ROOT) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         if not folder.isascii():
-            raise SetUpError(
+            raise ToolError(
                 f"the path of this checkout, {root}, contains characters that the build of the message packages "
                 f"cannot handle, and so does the temporary folder, {tempfile.gettempdir()}: set TMPDIR to a folder "
                 f"such as /tmp."

@@ -11,8 +11,8 @@ TICK_S = 0.2
 QUIET_S = 10.0  # Time between two lines in a log file, in seconds.
 
 
-class Step:
-    """One of `total` numbered steps: `with Step(1, 4, "packages") as step: step.follow(futures, detail)`."""
+class SetUpStep:
+    """One of `total` numbered steps: `with SetUpStep(1, 4, "packages") as step: step.follow(futures, detail)`."""
 
     def __init__(self, number: int, total: int, title: str, out: TextIO = sys.stdout) -> None:
         self.head = f"[{number}/{total}] {title:<18}"
@@ -20,7 +20,7 @@ class Step:
         self.live = out.isatty()
         self.began_s = self.said_s = time.monotonic()
 
-    def __enter__(self) -> "Step":
+    def __enter__(self) -> "SetUpStep":
         self._show("")
         return self
 

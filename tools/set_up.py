@@ -12,10 +12,10 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from commands import Commands, SetUpError
+from commands import Commands, ToolError
 from interface_packages import packages
 from places import LOCK, LOGS, ROOT, STAMPS
-from progress import Step
+from progress import SetUpStep
 from stamps import (
     digest,
     interface_key,
@@ -44,14 +44,14 @@ OTHER_S = 7200.0
 """Maximum time to wait for another `make setup`, in seconds."""
 
 
-def steps_to_do() -> list[tuple[str, Callable[[Step, ThreadPoolExecutor, Commands], None]]]:
+def steps_to_do() -> list[tuple[str, Callable[[SetUpStep, ThreadPoolExecutor, Commands], None]]]:
     known = {path.name.removesuffix(".files") for path in STAMPS.glob("*.files")}
     for gone in known - set(packages()):
         uninstall_interfaces(gone)
     fresh = not is_stamped("venv", venv_key()) or (STAMPS / "installing").exists()
     stale = [name for name in packages() if fresh or not is_stamped(f"interfaces-{name}", interface_key(name))]
 
-    def interfaces(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    def interfaces(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
         build_interfaces(stale, step, pool, commands)
 
     steps = (
@@ -88,7 +88,7 @@ def set_up() -> None:
     with ThreadPoolExecutor(CORES) as pool:
         try:
             for number, (title, run) in enumerate(steps, 1):
-                with Step(number, len(steps), title) as step:
+                with SetUpStep(number, len(steps), title) as step:
                     run(step, pool, commands)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -106,7 +106,7 @@ def only_one_at_a_time(patience_s: float = OTHER_S) -> int:
             print("Another make setup is running in this checkout; waiting until it finishes.", flush=True)
             said = True
         if time.monotonic() > deadline_s:
-            raise SetUpError(
+            raise ToolError(
                 f"the other make setup did not finish within {patience_s / 60.0:.0f} minutes: stop it first."
             )
         time.sleep(0.2)
@@ -130,7 +130,7 @@ def main() -> int:
     try:
         only_one_at_a_time()
         set_up()
-    except (SetUpError, OSError) as error:  # For example, the disk is full, or the folder belongs to another user.
+    except (ToolError, OSError) as error:  # For example, the disk is full, or the folder belongs to another user.
         print(f"\nmake setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

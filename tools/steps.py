@@ -9,11 +9,11 @@ from functools import partial
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from commands import Commands, SetUpError
+from commands import Commands, ToolError
 from interface_packages import needed_packages
 from places import HOOKS, INTERFACES, LOCK, LOGS, MOVEIT_PY, PYTHON, ROOT, ROS2_CLI, SITE_PACKAGES, STAMPS, VENV
 from plain_path import plain_root
-from progress import Step
+from progress import SetUpStep
 from requirements import outdated
 from stamps import (
     digest,
@@ -32,22 +32,22 @@ PIP = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "instal
 UV = (VENV / "bin" / "uv", "pip", "install", "--python", PYTHON, "--no-deps", "--no-build-isolation")
 
 
-def make_venv(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def make_venv(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     command = (sys.executable, "-m", "venv", "--clear", VENV)
     step.follow([pool.submit(commands.run, "venv", *command)], lambda: f".venv with Python {sys.version.split()[0]}")
     stamp("venv", venv_key())
 
 
 def check_lock() -> None:
-    """Raise SetUpError if requirements.lock is older than the requirements in pyproject.toml."""
+    """Raise ToolError if requirements.lock is older than the requirements in pyproject.toml."""
     try:
         if sentence := outdated((ROOT / "pyproject.toml").read_text(), locked_packages()):
-            raise SetUpError(sentence)
+            raise ToolError(sentence)
     except ValueError as error:
-        raise SetUpError(f"{error}.") from None
+        raise ToolError(f"{error}.") from None
 
 
-def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def install_packages(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     check_lock()
     detail = ["uv"]
 
@@ -69,14 +69,14 @@ def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
     stamp("installing", "")
     try:
         step.follow([pool.submit(run)], lambda: detail[0])
-    except SetUpError:
+    except ToolError:
         (STAMPS / "installing").unlink()  # uv itself has failed and removed its incomplete files
         raise
     (STAMPS / "installing").unlink()
     stamp("packages", digest(LOCK))
 
 
-def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def install_project(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     command = (*UV, "--editable", ROOT)
     step.follow([pool.submit(commands.run, "project", *command)], lambda: "servoloop itself, editable")
     stamp("project", project_key())
@@ -88,7 +88,7 @@ def is_moveit_present() -> bool:
     return PathFinder.find_spec("moveit", paths) is not None
 
 
-def install_moveit_py(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def install_moveit_py(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     command = (*UV, "--editable", MOVEIT_PY)
     step.follow([pool.submit(commands.run, "moveit_py", *command)], lambda: "MoveIt's Python interface, editable")
     stamp("moveit_py", moveit_py_key())
@@ -100,13 +100,13 @@ def is_ros2_present() -> bool:
     return found is not None and not Path(found).is_relative_to(VENV)
 
 
-def install_ros2_cli(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def install_ros2_cli(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     command = (*UV, "--editable", ROS2_CLI)
     step.follow([pool.submit(commands.run, "ros2_cli", *command)], lambda: "the command ros2, editable")
     stamp("ros2_cli", ros2_cli_key())
 
 
-def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def compile_simulation(step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     """Compile the simulation and the planning code, because otherwise their first use would take up to a minute."""
     parts = {"simulation": "sim_backend.compile_ahead", "planning": "planning.collision"}
     runs = [pool.submit(commands.run, name, PYTHON, "-m", module) for name, module in parts.items()]
@@ -125,12 +125,14 @@ def uninstall_interfaces(package: str) -> None:
     manifest.unlink(missing_ok=True)
 
 
-def build_interfaces(stale: list[str], step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def build_interfaces(stale: list[str], step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands) -> None:
     with plain_root() as root:
         _build_interfaces(stale, root, step, pool, commands)
 
 
-def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+def _build_interfaces(
+    stale: list[str], root: Path, step: SetUpStep, pool: ThreadPoolExecutor, commands: Commands
+) -> None:
     """Build the message packages. ``root`` is a path of the checkout that CMake can read."""
     state = dict.fromkeys(stale, "")
     venv = root / VENV.relative_to(ROOT)

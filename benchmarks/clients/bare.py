@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import serial
 
 from benchmarks.clients.peers import Client
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.port import Port
 from drivers.port.serial_port import LARGEST_VMIN, SerialPort
 
@@ -23,7 +23,7 @@ _TRIES = 10
 _WAIT_MS = 50
 
 
-class Recorder(SerialPort):
+class RecordingSerialPort(SerialPort):
     """A port that records all writes and reads."""
 
     def __init__(self, device: str, baud: int) -> None:
@@ -43,7 +43,7 @@ class Recorder(SerialPort):
 def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int, servo_ids: Sequence[int]) -> Client:
     """Use only system calls to repeat a complete cycle of ``driver``, in which all servos have replied."""
     for _ in range(_TRIES):
-        port = Recorder(device, baud)
+        port = RecordingSerialPort(device, baud)
         cycle, close = driver(port, servo_ids)
         try:
             steps = _good_cycle(port, cycle)
@@ -57,7 +57,7 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
     raise DriverError(f"{device}: the servos did not respond to the repeated cycle")
 
 
-def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
+def _good_cycle(port: RecordingSerialPort, cycle: Callable[[], bool]) -> list[Step]:
     """Return the steps of the first two consecutive cycles that are identical and complete.
 
     Such cycles contain neither a timeout nor a repeated request.

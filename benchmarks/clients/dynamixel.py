@@ -7,7 +7,7 @@ from struct import pack
 from benchmarks.clients import peers
 from benchmarks.clients.bare import bare
 from benchmarks.clients.own import own_client
-from benchmarks.clients.peers import Client, Driver, Work, cycle_size
+from benchmarks.clients.peers import Client, Driver, PeerWork, cycle_size
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.port import Port
@@ -17,7 +17,7 @@ from drivers.servos.indirect import AT_224
 from drivers.servos.x import XL430_W250
 from drivers.types import ServoGoal
 
-WORK = Work(
+WORK = PeerWork(
     X.blocks[0].address,
     X.blocks[0].size,
     X.goal_address,

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from benchmarks.clients import peers
 from benchmarks.clients.bare import bare
 from benchmarks.clients.own import own_client
-from benchmarks.clients.peers import Client, Driver, Work, cycle_size
+from benchmarks.clients.peers import Client, Driver, PeerWork, cycle_size
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.feetech import STS
 
-WORK = Work(STS.blocks[0].address, STS.blocks[0].size, STS.goal_address, bytes((0, 0, 8, 0, 0, 0, 0)))
+WORK = PeerWork(STS.blocks[0].address, STS.blocks[0].size, STS.goal_address, bytes((0, 0, 8, 0, 0, 0, 0)))
 
 
 def _ours(port: Port, servo_ids: Sequence[int]) -> Client:

@@ -44,7 +44,7 @@ def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Call
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class PeerWork:
     """Registers to read from and write to on each servo."""
 
     state_address: int
@@ -55,7 +55,7 @@ class Work:
     """Whether the manufacturer's SDK uses fast sync reads."""
 
 
-def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
+def rustypot(controller: Any, servo_ids: Sequence[int], work: PeerWork) -> Client:
     """Return a rustypot client, which does not decode the bytes."""
     ids, goals = list(servo_ids), [list(work.goal) for _ in servo_ids]
 
@@ -71,7 +71,7 @@ def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
 
 
 def makers_sdk(
-    sdk: ModuleType, protocol: float, device: str, baud: int, servo_ids: Sequence[int], work: Work
+    sdk: ModuleType, protocol: float, device: str, baud: int, servo_ids: Sequence[int], work: PeerWork
 ) -> Client:
     """Return a client that uses the manufacturer's SDK and its own port."""
     port, packets = sdk.PortHandler(device), sdk.PacketHandler(protocol)

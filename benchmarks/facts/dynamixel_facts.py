@@ -42,7 +42,7 @@ class Fact:
         return self.measured == self.expected
 
 
-class Bench:
+class FactBench:
     """Servos on shafts. Writes are applied directly to the control tables, as if they had arrived in packets."""
 
     def __init__(self, *models: x.XModel, firmware: int | None = None) -> None:
@@ -106,11 +106,13 @@ _RANGES: Final[Sequence[tuple[x.XModel, Register, int]]] = (
 def errors() -> Iterator[Fact]:
     """Yield facts about values outside a range, and goals beyond a limit."""
     for model, register, value in _RANGES:
-        yield Fact("errors", f"{model.name}: {register.name} {value}", DATA_RANGE, Bench(model).write(register, value))
-    bench = Bench(x.XL430_W250)
+        yield Fact(
+            "errors", f"{model.name}: {register.name} {value}", DATA_RANGE, FactBench(model).write(register, value)
+        )
+    bench = FactBench(x.XL430_W250)
     bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE)
     yield Fact("errors", "extended goal 1048576", DATA_RANGE, bench.write(x.goal_position, 1_048_576))
-    bench = Bench(x.XM430_W350)
+    bench = FactBench(x.XM430_W350)
     bench.write_all({x.velocity_limit: 100, x.current_limit: 500, x.max_position_limit: 3000})
     for register, value in ((x.goal_velocity, 101), (x.goal_current, 501), (x.goal_position, 3001)):
         yield Fact("errors", f"{register.name} beyond its limit", DATA_LIMIT, bench.write(register, value))
@@ -120,7 +122,7 @@ def modes() -> Iterator[Fact]:
     """Yield facts about each model's modes, the motions in these modes, and the values that a mode change resets."""
     for model in x.MODELS.values():
         wanted = [1, 3, 4, 16] if model.current_unit_a is None else [0, 1, 3, 4, 5, 16]
-        accepted = [mode for mode in range(20) if Bench(model).write(x.operating_mode, mode) == 0]
+        accepted = [mode for mode in range(20) if FactBench(model).write(x.operating_mode, mode) == 0]
         yield Fact("modes", f"{model.name}: modes", wanted, accepted)
     moves: tuple[tuple[int, Register, int, Register], ...] = (
         (VELOCITY, x.goal_velocity, 60, x.present_velocity),
@@ -129,15 +131,15 @@ def modes() -> Iterator[Fact]:
         (CURRENT_POSITION, x.goal_position, 6000, x.present_position),
     )
     for mode, goal, value, shown in moves:
-        bench = Bench(x.XL330_M288)
+        bench = FactBench(x.XL330_M288)
         bench.write_all({x.operating_mode: mode, x.torque_enable: 1, goal: value})
         bench.wait(3.0)
         yield Fact("modes", f"mode {mode}: {shown.name}", float(value), float(bench.read(shown)))
-    bench = Bench(x.XL330_M288)
+    bench = FactBench(x.XL330_M288)
     bench.write_all({x.operating_mode: CURRENT, x.torque_enable: 1, x.goal_current: 150})
     bench.wait(0.02)
     yield Fact("modes", "mode 0: present_current", 150.0, float(bench.read(x.present_current)))
-    bench = Bench(x.XM430_W350)
+    bench = FactBench(x.XM430_W350)
     reset = (
         x.position_p_gain,
         x.position_i_gain,
@@ -153,22 +155,22 @@ def modes() -> Iterator[Fact]:
 
 def positions() -> Iterator[Fact]:
     """Yield facts about turns, homing offsets and reverse mode."""
-    bench = Bench(x.XL430_W250)
+    bench = FactBench(x.XL430_W250)
     bench.turn(2 * TURN + 300)
     yield Fact("positions", "limp, two turns by hand", 2, bench.read(x.present_position) // TURN)
     bench.write(x.torque_enable, 1)
     yield Fact("positions", "  torque on in mode 3: turns", 0, bench.read(x.present_position) // TURN)
-    bench = Bench(x.XL430_W250)
+    bench = FactBench(x.XL430_W250)
     bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE)
     bench.turn(2 * TURN)
     bench.servo.power_cycle()
     yield Fact("positions", "mode 4, restart: turns", 0, bench.read(x.present_position) // TURN)
     for offset, added in ((1024, 1024), (1025, 0), (-1025, 0)):
-        bench = Bench(x.XL430_W250)
+        bench = FactBench(x.XL430_W250)
         before = bench.read(x.present_position)
         bench.write(x.homing_offset, offset)
         yield Fact("positions", f"mode 3, offset {offset}: adds", added, bench.read(x.present_position) - before)
-    bench = Bench(x.XL430_W250)
+    bench = FactBench(x.XL430_W250)
     bench.write(x.drive_mode, x.REVERSE)
     before = bench.read(x.present_position)
     bench.write(x.homing_offset, 200)
@@ -177,11 +179,11 @@ def positions() -> Iterator[Fact]:
 
 def profiles() -> Iterator[Fact]:
     """Yield facts about velocity-based and time-based profiles, and the moving status."""
-    bench = Bench(x.XL430_W250)
+    bench = FactBench(x.XL430_W250)
     bench.write_all({x.velocity_limit: 20, x.profile_velocity: 60, x.torque_enable: 1, x.goal_position: 4000})
     bench.wait(0.4)
     yield Fact("profiles", "profile velocity, not the velocity limit", 60.0, float(bench.read(x.velocity_trajectory)))
-    bench = Bench(x.XL430_W250)
+    bench = FactBench(x.XL430_W250)
     bench.write_all({x.drive_mode: x.TIME_BASED_PROFILE, x.profile_velocity: 800, x.profile_acceleration: 200})
     bench.write_all({x.torque_enable: 1, x.goal_position: 2848})
     bench.wait(0.4)
@@ -189,7 +191,7 @@ def profiles() -> Iterator[Fact]:
     bench.wait(0.41)
     yield Fact("profiles", "time-based: at the goal in time", 2848, bench.read(x.position_trajectory))
     for velocity, acceleration, kind in ((0, 0, 0), (30, 0, 1), (500, 5, 2), (30, 2000, 3)):
-        bench = Bench(x.XL430_W250)
+        bench = FactBench(x.XL430_W250)
         bench.write_all({x.profile_acceleration: acceleration, x.profile_velocity: velocity, x.torque_enable: 1})
         bench.write(x.goal_position, 2600)
         bench.wait(0.1)
@@ -207,24 +209,24 @@ def bus() -> Iterator[Fact]:
         ("bulk read", Code.BULK_READ, b"".join(bytes((i,)) + span(132, 4) for i in (1, 2, 3))),
     )
     for name, code, parameters in reads:
-        bench = Bench(*group)
+        bench = FactBench(*group)
         bench.line.faults.silence(2)
         heard = [servo_id for servo_id, _ in bench.send(code, parameters)]
         yield Fact("bus", f"{name}: servo 2 of 3 silent, heard", [1], heard, "I 364")
-    bench = Bench(*group)
+    bench = FactBench(*group)
     for servo in bench.line.servos:
         servo.memory.put(x.secondary_id, 9)
     heard = [servo_id for servo_id, _ in bench.send(Code.WRITE, b"\x41\0\x01", 9)]
     lit = [servo.memory.get(x.led) for servo in bench.line.servos]
     yield Fact("bus", "secondary ID: all obey, none answers", ([1, 1, 1], []), (lit, heard))
     for firmware, kept in ((42, 5), (41, 0)):
-        bench = Bench(x.XL430_W250, firmware=firmware)
+        bench = FactBench(x.XL430_W250, firmware=firmware)
         bench.write(x.homing_offset, 5)
         bench.send(Code.FACTORY_RESET, b"\xff")
         yield Fact("bus", f"V{firmware}: broadcast factory reset keeps", kept, bench.read(x.homing_offset))
-    clear = Bench(x.XL430_W250).send(Code.CLEAR, b"\x01\x44\x58\x4c\x22", 1)
+    clear = FactBench(x.XL430_W250).send(Code.CLEAR, b"\x01\x44\x58\x4c\x22", 1)
     yield Fact("bus", "clear is answered without error", [(1, 0)], clear)
-    bench = Bench(x.XL430_W250)
+    bench = FactBench(x.XL430_W250)
     bench.write_all({x.torque_enable: 1, x.bus_watchdog: 5})
     bench.wait(0.2)
     yield Fact("bus", "watchdog: register", 255, bench.read(x.bus_watchdog))
@@ -242,7 +244,7 @@ _FACTORY: Final = (
 def factory() -> Iterator[Fact]:
     """Yield facts about the factory values."""
     for model, register, value in _FACTORY:
-        yield Fact("factory", f"{model.name}: {register.name}", value, Bench(model).read(register))
+        yield Fact("factory", f"{model.name}: {register.name}", value, FactBench(model).read(register))
 
 
 def facts() -> list[Fact]:

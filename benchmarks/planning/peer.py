@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.planning.problems import JOINTS, Problem, touches
+from benchmarks.planning.problems import JOINTS, PlanningProblem, touches
 from benchmarks.planning.ur5 import Results
 from planning.arm_model import ArmModel, Pair
 from planning.paths.smoothing import path_length
@@ -52,7 +52,7 @@ class Peer:
         }
         self._send(task)
 
-    def run(self, problem: Problem) -> None:
+    def run(self, problem: PlanningProblem) -> None:
         """Plan one problem and add its results."""
         self._send(_problem(problem))
         assert self._process.stdout is not None
@@ -90,7 +90,7 @@ def _allowed(allowed: frozenset[Pair], arm: ArmModel) -> frozenset[Pair]:
     return frozenset(known | arm.adjacent() | welded)
 
 
-def _problem(problem: Problem) -> dict[str, Any]:
+def _problem(problem: PlanningProblem) -> dict[str, Any]:
     shapes = [
         (*_shape(shape), _transform(item.pose @ pose).tolist())
         for item in problem.scene.objects.values()

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from planning.collision import Margins
-from planning.errors import PlanningError
 from planning.group_planner import GroupPlanner
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.motion import Motion, MotionRequest, State, ToolGoal, with_positions
+from planning.planning_errors import PlanningError
 from planning.robot import PlanningRobot
 from servoloop.motion_planning.robot import arm_group, planning_robot
 from servoloop.stack.arm_folders import find_arm, read_arm_files

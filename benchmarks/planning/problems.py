@@ -34,7 +34,7 @@ SEEN: Final = '<mujoco><compiler fusestatic="false" discardvisual="true"/></mujo
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class PlanningProblem:
     """One problem: an arm in a scene, with its start and its goal (6,)."""
 
     name: str
@@ -43,7 +43,7 @@ class Problem:
     goal: FloatArray
 
 
-def read_problems(archive: Path, allowed: frozenset[Pair], most: int) -> Iterator[Problem]:
+def read_problems(archive: Path, allowed: frozenset[Pair], most: int) -> Iterator[PlanningProblem]:
     """Yield about ``most`` problems of an archive, drawn evenly from all sets and sorted by name."""
     unpacked = io.BytesIO(bz2.decompress(archive.read_bytes()))  # bz2 cannot seek backward without starting again
     with tarfile.open(fileobj=unpacked) as files:
@@ -54,7 +54,7 @@ def read_problems(archive: Path, allowed: frozenset[Pair], most: int) -> Iterato
             start = dict(zip(state["name"], state["position"], strict=True))
             goals = request["goal_constraints"][0]["joint_constraints"]
             goal = {constraint["joint_name"]: constraint["position"] for constraint in goals}
-            yield Problem(
+            yield PlanningProblem(
                 "/".join(name.removesuffix(".yaml").split("/")[-2:]),
                 _scene(scene, allowed),
                 *(np.array([float(where[joint]) for joint in JOINTS]) for where in (start, goal)),

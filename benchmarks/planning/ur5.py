@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from rich.table import Table
 
-from benchmarks.planning.problems import Problem, touches
+from benchmarks.planning.problems import PlanningProblem, touches
 from planning.arm_model import ArmModel
 from planning.collision import Collisions
-from planning.errors import PlanningError
 from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest
 from planning.paths.search import find_path
 from planning.paths.smoothing import path_length
 from planning.paths.timing import timed
+from planning.planning_errors import PlanningError
 
 SHOWN = 2
 """Number of problem names to list."""
@@ -39,7 +39,7 @@ class Results:
     failed: list[str] = field(default_factory=list)
 
 
-def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: tuple[float, int]) -> bool:
+def run(problem: PlanningProblem, arm: ArmModel, urdf: str, results: Results, settings: tuple[float, int]) -> bool:
     """Plan one problem, add its results and return whether it is valid.
 
     ``settings`` contains the time limit in s and the number of searches.

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.errors import DriverError
-from hal.errors import HalError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from commissioning.calibrate.result import (
 from commissioning.calibrate.seam import Counting, counting_of
 from commissioning.calibrate.stops import Stops
 from commissioning.calibrate.sweep import Sweep, last_way
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.servos.angles import Travel, shortest
 from hal.joint import Joint

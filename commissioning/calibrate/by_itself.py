@@ -17,12 +17,12 @@ from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import FoundZero, JointCalibration, calibration_of, turns_freely, unit
 from commissioning.calibrate.stop_search import StopSearch
 from commissioning.calibrate.store import restart
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts
 from drivers.servos.angles import Travel
 from drivers.types import ServoState

@@ -9,7 +9,7 @@ import numpy as np
 from commissioning.calibrate.by_hand import CalibrationDialog
 from commissioning.calibrate.plan import ArmPlan
 from commissioning.calibrate.stop_search import SEEK_RAD_S
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 

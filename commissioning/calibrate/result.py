@@ -5,7 +5,7 @@ from math import ceil, floor, tau
 from typing import Final
 
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, Counting, off_the_seam
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from drivers.servos.angles import Travel
 from hal.joint import Joint
 

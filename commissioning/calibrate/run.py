@@ -11,7 +11,7 @@ from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.seam import joint_counting
 from commissioning.calibrate.store import set_aside, store
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 

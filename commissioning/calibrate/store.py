@@ -10,7 +10,7 @@ import yaml
 from commissioning.atomic_write import cannot_write, write_whole
 from commissioning.calibrate.result import JointCalibration
 from commissioning.calibrate.seam import can_move_seam, write_counting
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.clock import Clock

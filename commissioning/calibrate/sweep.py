@@ -7,7 +7,7 @@ the continuous count nearest to the previous reading.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.servos.angles import Travel, unwrap
 from drivers.types import Reading, ServoState

@@ -11,7 +11,7 @@ from commissioning.doctor.snapshot import Heard, LineFigures
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.errors import ServoError, ServoSilent
+from drivers.driver_errors import ServoError, ServoSilent
 from drivers.port import Port
 from drivers.port.line import BITS_PER_BYTE
 from drivers.protocol import v1

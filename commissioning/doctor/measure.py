@@ -14,7 +14,7 @@ from commissioning.scan.scan import ScanScope, scan
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial, ServoError
+from drivers.driver_errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial, ServoError
 from drivers.port import Port
 from drivers.servos.catalog import Make, has_table, series_of
 from drivers.servos.register import Access, ByteOrder, Register

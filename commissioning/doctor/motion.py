@@ -13,9 +13,9 @@ from commissioning.drive_trial import DriveTrial, TrialMotion
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.compensation.gravity import Gravity
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 

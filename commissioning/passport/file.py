@@ -7,7 +7,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from commissioning.atomic_write import cannot_write, write_whole
-from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD, CommissioningError
+from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD, CommissioningError
 from commissioning.provision import persistent_registers
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel

@@ -9,8 +9,8 @@ from commissioning.provision import drives, persistent_registers, provision
 from commissioning.scan.answers import Answer, who_answers
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
+from drivers.driver_errors import ServoError
 from drivers.eeprom import ANSWERS_NO_READ, LEAVES_THE_LINE, Change
-from drivers.errors import ServoError
 from drivers.servos.register import Access, Register, ServoModel
 from hal.servos.limp_arm import torque_warning
 

@@ -12,7 +12,7 @@ from typing import Final, Literal
 
 from serial.tools.list_ports_common import ListPortInfo
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.ports.chips import CHIPS, chip_text
 from commissioning.ports.machine import USUAL_GROUP, Holder, Machine, PortPermission, permission
 from drivers.port.latency import latency_advice

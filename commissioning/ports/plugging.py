@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.ports.adapters import Adapter, machine_complaints, ports
 from commissioning.ports.machine import Machine
 from drivers.clock import Clock, MonotonicClock

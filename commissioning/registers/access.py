@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.tables import register_named
 from commissioning.registers.values import RegisterValue, parse, value_of
 from commissioning.scan.find import FoundServo
 from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
+from drivers.driver_errors import ServoRefused
 from drivers.eeprom import update
-from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import registers_of
 from drivers.servos.dynamixel import X

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.tables import rates_of, register_named
 from commissioning.registers.values import RegisterValue, value_of
 from commissioning.scan.find import FoundServo, answers, locate
 from commissioning.scan.identify import retry_often
+from drivers.driver_errors import PortLost, ServoError, ServoSilent
 from drivers.eeprom import Change, Eeprom, EepromError, eeprom, update
-from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.protocol import v2
 from drivers.servos.catalog import registers_of
 from drivers.servos.dynamixel1 import PROTOCOL_1

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.access import write_ram
 from commissioning.scan.find import FoundServo
 from drivers.printable import counted

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from difflib import get_close_matches
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.values import unit_of
 from drivers.servos.catalog import MODELS, is_added, registers_of, series_of
 from drivers.servos.register import Access

@@ -3,14 +3,14 @@
 from functools import partial
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.access import CORRECTS_S
 from commissioning.scan.find import answering_step
 from commissioning.scan.identify import retry_often
 from commissioning.scan.steps import steps
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import PortLost, ServoError
+from drivers.driver_errors import PortLost, ServoError
 from drivers.port import Port
 from drivers.servos.catalog import known_as, series_of
 from drivers.servos.register import ServoModel

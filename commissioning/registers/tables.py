@@ -3,7 +3,7 @@
 from difflib import get_close_matches
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.scan.examine import MODES
 from drivers.servos import sts, x, xl320
 from drivers.servos.catalog import known_as, registers_of, series_of

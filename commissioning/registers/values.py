@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.tables import meaning
 from drivers.servos import ax_mx, sts, x, xl320
 from drivers.servos.catalog import series_of

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from drivers.bus.bus import Bus
+from drivers.driver_errors import PortError, PortLost
 from drivers.eeprom import LARGEST_ID
-from drivers.errors import PortError, PortLost
 from drivers.types import ServoFault
 
 TOGETHER: Final = 100

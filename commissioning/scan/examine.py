@@ -8,11 +8,11 @@ from typing import Final
 
 from commissioning.scan.identify import Identity, identify, retry_often
 from commissioning.scan.problems import Problem, line_trouble, no_group_reads, own_troubles, unknown_model
-from commissioning.scan.steps import Step
+from commissioning.scan.steps import ScanStep
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
 from drivers.clock import Clock
-from drivers.errors import PortLost, ServoCorrupt, ServoError
+from drivers.driver_errors import PortLost, ServoCorrupt, ServoError
 from drivers.port import Port
 from drivers.protocol import v1
 from drivers.servos import ax_mx, sts, x, xl320
@@ -83,7 +83,7 @@ class ScannedServo:
     problems: tuple[Problem, ...] = ()
 
 
-def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> ScannedServo | None:
+def examine_servo(port: Port, clock: Clock, step: ScanStep, servo_id: int) -> ScannedServo | None:
     """Examine the servo with this ID at the port's current baud rate. Return None if the servo does not respond."""
     identity: Identity | None = None
     corrupt = False

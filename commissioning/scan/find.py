@@ -11,14 +11,14 @@ from functools import partial
 from types import ModuleType
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.scan.examine import examine_servo
 from commissioning.scan.identify import Identity, identify, retry_often
-from commissioning.scan.steps import Step, steps
+from commissioning.scan.steps import ScanStep, steps
 from commissioning.scan.wire import Wire
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import PortError, PortLost, ServoError, ServoRefused
+from drivers.driver_errors import PortError, PortLost, ServoError, ServoRefused
 from drivers.port import Port
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
@@ -98,7 +98,7 @@ def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> boo
     return any(servo_id in heard.whole | heard.broken for heard in (wire.ping(servo_id) for _ in range(PINGS)))
 
 
-def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[Step]) -> Step | None:
+def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[ScanStep]) -> ScanStep | None:
     """Return the first step in which the servo responds to pings, or None. The port stays at the baud rate of this
     step."""
     for step in tried:
@@ -124,7 +124,7 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
     )
 
 
-def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
+def _sole(port: Port, clock: Clock, step: ScanStep, servo_id: int) -> FoundServo:
     """Return the servo with this ID.
 
     Raise CommissioningError if two servos have this ID, or if the servo cannot be read.

@@ -13,10 +13,10 @@ from typing import Final
 
 from commissioning.scan.examine import ScannedServo, examine_servo
 from commissioning.scan.problems import Problem
-from commissioning.scan.steps import Step, steps
+from commissioning.scan.steps import ScanStep, steps
 from commissioning.scan.wire import Heard, Wire
 from drivers.clock import Clock
-from drivers.errors import PortError, PortLost
+from drivers.driver_errors import PortError, PortLost
 from drivers.port import Port
 from drivers.protocol import v1, v2
 from drivers.servos.catalog import Make
@@ -115,7 +115,7 @@ class _Search:
         self._refused: dict[int, None] = {}
         self._skipped: dict[str, None] = {}
 
-    def take(self, step: Step) -> None:
+    def take(self, step: ScanStep) -> None:
         """Scan at one baud rate with one protocol."""
         if self._packets and step.packets not in self._packets and not self._all_makes:
             self._skipped[step.servos] = None

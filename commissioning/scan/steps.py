@@ -25,7 +25,7 @@ _LIKELY: Final = ((v1, 1_000_000), (v2, 57_600), (v2, 1_000_000), (v1, 57_600), 
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ScanStep:
     """One baud rate and one protocol; ``packets`` is ``drivers.protocol.v1`` or ``v2``."""
 
     packets: ModuleType
@@ -42,11 +42,11 @@ class Step:
         return f"{self.baud} baud, {self.servos}"
 
 
-def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[Step, ...]:
+def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[ScanStep, ...]:
     """Return all steps for these makes and baud rates. Empty arguments select all makes and all of their baud rates."""
     wanted = tuple(bauds)
     found = {
-        Step(packets, baud)
+        ScanStep(packets, baud)
         for (make, packets), rates in RATES.items()
         if not makes or make in makes
         for baud in wanted or rates
@@ -54,6 +54,6 @@ def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[Step
     return tuple(sorted(found, key=_place))
 
 
-def _place(step: Step) -> tuple[int, bool, int]:
+def _place(step: ScanStep) -> tuple[int, bool, int]:
     key = (step.packets, step.baud)
     return _LIKELY.index(key) if key in _LIKELY else len(_LIKELY), step.packets is v2, -step.baud

@@ -22,8 +22,8 @@ from commissioning.set_up.only_one import (
 from commissioning.set_up.turn import WAY_RAD, GearResult, judge_gear, rivals, turn_loose
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
+from drivers.driver_errors import ServoError
 from drivers.eeprom import Change
-from drivers.errors import ServoError
 from drivers.printable import counted
 
 TRIES: Final = 10

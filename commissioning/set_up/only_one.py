@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.provision import drives, persistent_registers, restart
 from commissioning.registers.tables import rates_of
 from commissioning.scan.answers import Answer, who_answers, who_answers_elsewhere
@@ -14,8 +14,8 @@ from drivers.bus.bus import Bus
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
 from drivers.clock import Clock
+from drivers.driver_errors import ServoError
 from drivers.eeprom import CLOSED, OPEN, eeprom
-from drivers.errors import ServoError
 from drivers.servos import x
 from drivers.servos.catalog import MODELS, known_as, series_of
 from drivers.servos.dynamixel import X

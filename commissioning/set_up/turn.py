@@ -13,11 +13,11 @@ from commissioning.slow_arm import SlowArm, StoppedError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.errors import DriverError, PortLost, ServoError
+from drivers.driver_errors import DriverError, PortLost, ServoError
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.joint import Joint
 from hal.types import JointLimits
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.eeprom import HOLDS, EepromError, update

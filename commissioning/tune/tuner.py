@@ -12,7 +12,7 @@ from commissioning.tune.gains import TuneError, Written, as_held, read_gains, wi
 from commissioning.tune.trial import FASTEST_RAD_S, TrialPlan, TuneTrial, plan_for
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import ServoError
+from drivers.driver_errors import ServoError
 from drivers.types import ServoState
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning

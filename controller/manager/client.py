@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from controller.errors import ManagerError, SwitchError
 from controller.loop import ControlLoop
 from controller.manager.controller_spec import ControllerSpec, name_mistake
 from controller.manager.controllers_file import no_type
@@ -16,6 +15,7 @@ from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.requests import Request
 from controller.manager.settings import ManagerSettings
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import ManagerError, SwitchError
 from controller.parameters import Parameters
 
 SWITCH_TIMEOUT_S: Final = 1.0

@@ -8,7 +8,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from controller.errors import ControllersFileError
 from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
 from controller.manager.node_parameters import files_in, merged, parameters_in
@@ -16,6 +15,7 @@ from controller.manager.parameter_file import MOST_NODES, PARAMETERS
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
 from controller.manager.sections import Sections, SectionsWithDefaults
 from controller.manager.settings import SETTINGS, ManagerSettings, setting_mistakes
+from controller.manager_errors import ControllersFileError
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo

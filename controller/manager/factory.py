@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from controller.errors import ControllersFileError
 from controller.interface import Controller, ControllerContext
 from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec
@@ -10,6 +9,7 @@ from controller.manager.controllers_file import ControllersFile, load_controller
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types
 from controller.manager.settings import ManagerSettings
+from controller.manager_errors import ControllersFileError
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from controller.errors import ManagerError, SwitchError
 from controller.interface import Controller, relieving
 from controller.manager.cycle import ControllerCycle
 from controller.manager.registry import ActiveEntry, ControllerRegistry
 from controller.manager.switch import Interfaces, SwitchPlan, SwitchRequest, plan_switch
+from controller.manager_errors import ManagerError, SwitchError
 from controller.stops import DecelerationStops
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState

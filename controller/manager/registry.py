@@ -5,10 +5,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from controller.errors import ClaimError, ManagerError
 from controller.interface import Controller, indices
 from controller.manager.controller_spec import ControllerSpec
 from controller.manager.switch import Loaded, taken
+from controller.manager_errors import ClaimError, ManagerError
 from hal.lifecycle import LifecycleState
 
 UNCONFIGURED, INACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE

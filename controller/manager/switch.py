@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
-from controller.errors import SwitchError
 from controller.interface import Controller
 from controller.manager.controller_spec import ControllerSpec
+from controller.manager_errors import SwitchError
 from hal.lifecycle import LifecycleState
 
 DONE = "Successfully switched controllers!"

@@ -19,7 +19,7 @@ from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
 from drivers.bus.turns import Turns
 from drivers.clock import Clock
-from drivers.errors import ServoError, ServoRefused
+from drivers.driver_errors import ServoError, ServoRefused
 from drivers.port import Port
 from drivers.port.line import Line
 from drivers.protocol import v2

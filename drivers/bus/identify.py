@@ -4,7 +4,7 @@ from functools import partial
 
 from drivers.bus.retry import retry
 from drivers.bus.single_servo import SingleServo
-from drivers.errors import ServoRefused, ServoSilent
+from drivers.driver_errors import ServoRefused, ServoSilent
 from drivers.servos.catalog import known_as, series_of
 from drivers.servos.register import ServoModel
 from drivers.servos.series import Series

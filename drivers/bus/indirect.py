@@ -12,7 +12,7 @@ from typing import Final
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.retry import retry
 from drivers.bus.single_servo import SingleServo
-from drivers.errors import ServoError
+from drivers.driver_errors import ServoError
 from drivers.servos import x
 from drivers.servos.indirect import MAP, MAP_REGISTER, block_for
 from drivers.servos.register import Register, ServoModel

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Final, TypeVar
 
-from drivers.errors import ServoCorrupt, ServoSilent
+from drivers.driver_errors import ServoCorrupt, ServoSilent
 
 ATTEMPTS: Final = 5
 """Number of attempts. On a bus that loses 9 % of all replies, 1 request in 170,000 fails. Setting up seven servos on

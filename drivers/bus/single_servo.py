@@ -7,7 +7,7 @@ from dynamixel_sdk import COMM_SUCCESS
 from drivers.bus.counters import BusCounters
 from drivers.bus.late_replies import LateReplyFilter
 from drivers.bus.sdk_adapter import CORRUPT, SdkAdapter
-from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
+from drivers.driver_errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
 from drivers.port.line import Line
 from drivers.port.owners import line_advice
 from drivers.printable import counted

@@ -13,7 +13,7 @@ from pathlib import Path
 import serial
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
+from drivers.driver_errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
 from drivers.port.latency import latency_advice
 from drivers.port.owners import held_by_us, is_pseudo_terminal, port_owners
 

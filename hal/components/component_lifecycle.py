@@ -3,10 +3,10 @@
 import logging
 from collections.abc import Callable, Collection, Sequence
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.components.component import Component
 from hal.components.component_set import ComponentSet
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.hardware import Hardware, undo_activation
 from hal.lifecycle import LifecycleState
 

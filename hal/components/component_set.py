@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.components.component import CONFIGURED, Component, components_of, merged_state
 from hal.components.leap_filter import LeapFilter
-from hal.errors import PartLost
+from hal.hal_errors import PartLost
 from hal.hardware import AskedForTorque, DoubtingLeaps, Hardware, Requesting, outputs_of
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, Interface, JointCommand, JointLimits, JointState

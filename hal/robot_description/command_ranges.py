@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 from xml.etree.ElementTree import Element
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.urdf import UrdfJoint, finite
 from hal.robot_description.xml_places import place
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.parsers.expat import ExpatError
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.command_ranges import narrowed, range_problems, range_warnings
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info, without_refused_mimics
 from hal.robot_description.limit_check import limit_problems, with_wheel_speeds

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
 from hal.robot_description.outputs import COMMANDS, OutputInfo, parse_outputs

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from hal.errors import ArmFileError
 from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
+from hal.hal_errors import ArmFileError
 from hal.plausible import NoTruth, Position
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy

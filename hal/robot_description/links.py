@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 from xml.etree.ElementTree import Element
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.urdf import UrdfJoint, Vector, attribute, finite, vector
 from hal.robot_description.xml_places import place

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 from xml.etree.ElementTree import Element
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.command_ranges import parse_command_range
 from hal.robot_description.urdf import attribute, finite
 from hal.robot_description.xml_places import place

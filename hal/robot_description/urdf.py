@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.xml_places import place
 from hal.types import JointLimits

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 from xml.parsers.expat import ExpatError
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 
 SUFFIX: Final = ".xacro"
 """Suffix of xacro files."""

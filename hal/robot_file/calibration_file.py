@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.plausible import Counts, NoTruth, ServoId
 from hal.yaml_file import load
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from drivers.servos.catalog import MODELS
-from hal.errors import DescriptionError, RobotFileError
+from hal.hal_errors import DescriptionError, RobotFileError
 from hal.joint import Joint
 from hal.robot_description.description import Description, HardwareInfo, UrdfJoint
 from hal.robot_description.transmissions import NO_GEAR, SimpleTransmission

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from drivers.servos.catalog import MODELS, Make, series_of
 from drivers.servos.dynamixel import PROTOCOL_2, X
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.plausible import (
     Acceleration,
     Baud,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_description.urdf import UrdfJoint
 from hal.robot_file.robot import Robot

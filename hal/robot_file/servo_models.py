@@ -17,7 +17,7 @@ from drivers.servos import catalog
 from drivers.servos.register import Access, Register, ServoModel, between, merged
 from drivers.servos.series import Series
 from drivers.servos.voltage import voltage_range
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.plausible import Amperes, NoTruth, RegisterValue, Speed, Torque, Volts
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile

@@ -6,9 +6,9 @@ from typing import Final
 
 from drivers.bus.retry import ATTEMPTS
 from drivers.clock import Clock
-from drivers.errors import ServoCorrupt, ServoSilent
+from drivers.driver_errors import ServoCorrupt, ServoSilent
 from drivers.types import Reading, ServoGoal, ServoState
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_setup import ServoSetup

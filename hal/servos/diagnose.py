@@ -9,7 +9,7 @@ from typing import Final
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import PortError, PortLost
+from drivers.driver_errors import PortError, PortLost
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
 from drivers.types import FaultKind, Reading, ServoFault

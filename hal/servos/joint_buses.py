@@ -7,9 +7,9 @@ from typing import Final
 
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters, ServoCounters
-from drivers.errors import PortError, PortLost, ServoError
+from drivers.driver_errors import PortError, PortLost, ServoError
 from drivers.types import Reading, ServoFault, ServoGoal, ServoState
-from hal.errors import PartLost
+from hal.hal_errors import PartLost
 from hal.joint import Joint
 
 _LINE_TEXTS: Final = {  # The first kind of fault that occurred is reported.

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from drivers.clock import Clock
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.limp_arm import LimpArm, torque_warning
 from hal.servos.open_buses import OpenBuses

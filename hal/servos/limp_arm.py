@@ -2,8 +2,8 @@
 
 from collections.abc import Collection
 
-from drivers.errors import DriverError
-from hal.errors import ActivationError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState, require
 from hal.servos.servo_hardware import ServoHardware

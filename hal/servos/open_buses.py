@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
 

@@ -13,7 +13,7 @@ from typing import Final
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.errors import ServoCorrupt, ServoSilent
+from drivers.driver_errors import ServoCorrupt, ServoSilent
 from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X

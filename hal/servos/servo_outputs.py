@@ -11,7 +11,7 @@ from typing import Final
 
 from drivers.servos.catalog import registers_of
 from drivers.servos.register import Access, Register
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.joint import Joint
 from hal.outputs import Outputs
 from hal.robot_description.hardware_info import HardwareInfo

@@ -12,8 +12,8 @@ from typing import Final
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
+from drivers.driver_errors import ServoRefused
 from drivers.eeprom import update
-from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.dynamixel import X

@@ -8,8 +8,8 @@ from typing import TypeVar
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.clock import Clock
+from drivers.driver_errors import DriverError, PortError, ServoError, ServoRefused, ServoSilent
 from drivers.eeprom import EepromError
-from drivers.errors import DriverError, PortError, ServoError, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Final, Protocol, runtime_checkable
 
-from drivers.errors import ServoError
+from drivers.driver_errors import ServoError
 from hal.joint import Joint
 from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_setup import ServoSetup

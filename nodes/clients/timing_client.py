@@ -14,7 +14,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 PATIENCE_S: Final = 30.0
 POLL_S: Final = 0.05

@@ -26,10 +26,10 @@ from drivers.printable import printable_line
 from nodes.namespace import frame_prefix, namespace_of
 from nodes.perception.messages import apple_array, camera_info, compressed, diagnostics, image, pose_array
 from nodes.perception.parameters import FRAMES, Setup, declare
-from perception.errors import PerceptionError
 from perception.grading.annotate import annotated
 from perception.grading_loop import GradingLoop, GradingStatus, Seen
 from perception.intrinsics import Intrinsics
+from perception.perception_errors import PerceptionError
 
 APPLES: Final = "sorting/perception/apple_quality"
 POSES: Final = "sorting/perception/apple_poses"

@@ -12,12 +12,12 @@ from drivers.clock import Clock
 from perception.camera_view import CameraView, read_pose
 from perception.detector.classes import read_classes
 from perception.detector.onnx_grader import OnnxGrader
-from perception.errors import PerceptionError
 from perception.frames import CameraSource
 from perception.grading.grader import Grader
 from perception.grading.settings import GradingSettings, read_settings
 from perception.grading_loop import Grading
 from perception.intrinsics import Intrinsics, read_intrinsics
+from perception.perception_errors import PerceptionError
 from perception.sources.choice import source_of
 
 FRAMES: Final = {

@@ -16,9 +16,9 @@ from nodes.perception.parameters import Setup, camera_of_parameters, given_camer
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_done
 from nodes.stop_signals import on_stop_signal
 from perception.camera_view import CameraView
-from perception.errors import PerceptionError
 from perception.frames import CameraSource
 from perception.grading.settings import GradingSettings
+from perception.perception_errors import PerceptionError
 from perception.sources.native_log import silence_native_log
 
 NODE_NAME: Final = "apple_camera"

@@ -11,7 +11,7 @@ from nodes.planning.conversion.frames import Frames, link_point
 from nodes.planning.conversion.poses import is_identity, pose_message, pose_of
 from nodes.planning.conversion.semantic import robot_name
 from nodes.planning.conversion.shapes import centered, copied, has_shapes, joined, shapes_of, with_shape_poses
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from nodes.planning.world import PlanningWorld
 from planning.motion import State
 from planning.robot import PlanningRobot

@@ -13,7 +13,7 @@ from trajectory_msgs.msg import JointTrajectory
 from drivers.printable import printable_line
 from nodes.planning.controllers import RouteController, StopRequest
 from nodes.planning.conversion.trajectories import checked_points, part, timed_path
-from nodes.planning.errors import REFUSALS, RequestError
+from nodes.planning.request_errors import REFUSALS, RequestError
 from nodes.planning.requests import Snapshot
 from nodes.planning.workers import Workers
 from nodes.planning.world_store import WorldStore

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from nodes.pick_place.waiter import Waiter
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from nodes.publishing import ANY_CLIENT
 from planning.robot import PlanningRobot
 

@@ -19,8 +19,8 @@ from nodes.planning.controllers import StopRequest
 from nodes.planning.conversion.semantic import robot_name
 from nodes.planning.conversion.trajectories import trajectory_message
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.execution import INVALIDATED, Execution
+from nodes.planning.request_errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.requests import Planned, Requests, Snapshot
 from nodes.planning.states import state_message
 from nodes.planning.workers import Workers

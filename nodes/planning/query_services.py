@@ -25,9 +25,9 @@ from std_srvs.srv import Empty
 from drivers.printable import printable_line
 from nodes.planning.controllers import StopRequest
 from nodes.planning.conversion.trajectories import trajectory_message
-from nodes.planning.errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.joint_monitor import JointMonitor
 from nodes.planning.move_action import Planning
+from nodes.planning.request_errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.requests import PIPELINE, Snapshot
 from nodes.planning.scene_messages import scene_message
 from nodes.planning.states import state_message

@@ -16,7 +16,7 @@ from nodes.planning.conversion.constraints import ConstraintReader
 from nodes.planning.conversion.evaluation import ConstraintChecks, Evaluation
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.poses import pose_message, tool_pose
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from nodes.planning.slowing import slowed
 from nodes.planning.states import state_of, world_of
 from nodes.planning.world import PlanningWorld

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from planning.group_planner import GroupPlanner
 from planning.motion import Motion
 from planning.paths.timing import TimedPath

@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from nodes.planning.world import PlanningWorld
 from planning.motion import State
 from planning.robot import PlanningRobot

@@ -10,8 +10,8 @@ from rclpy.qos import QoSProfile
 
 from drivers.printable import printable_line
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS, RequestError, crash
 from nodes.planning.joint_monitor import JointMonitor
+from nodes.planning.request_errors import REFUSALS, RequestError, crash
 from nodes.planning.requests import Snapshot
 from nodes.planning.scene_messages import scene_message
 from nodes.planning.world import first_world

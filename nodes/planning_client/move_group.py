@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from shape_msgs.msg import SolidPrimitive
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.planning_client.goals import error_text
 from nodes.planning_client.scenes import OBJECTS, change, removal
 

@@ -13,7 +13,7 @@ from hal.types import FloatArray
 from nodes.clients.client_node import WatchingNode
 from nodes.planning.conversion.poses import pose_of
 from nodes.planning.conversion.shapes import shapes_of
-from nodes.planning.errors import REFUSALS
+from nodes.planning.request_errors import REFUSALS
 from nodes.planning_client.scenes import OBJECTS
 from nodes.publishing import LATCHED
 from planning.scene import Pose, Shape

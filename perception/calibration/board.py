@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.types import FloatArray
-from perception.errors import CalibrationRefused
 from perception.frames import Picture
+from perception.perception_errors import CalibrationRefused
 
 MARKERS: Final = cv2.aruco.DICT_5X5_50
 MARKER_SHARE: Final = 0.74

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 
 from perception.calibration.board import BoardDetector, BoardView
-from perception.errors import CalibrationRefused
 from perception.frames import Picture
+from perception.perception_errors import CalibrationRefused
 
 STILL_PX: Final = 2.5
 """Maximum mean motion of the corners between two frames for the board to be considered still, in pixels."""

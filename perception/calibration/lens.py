@@ -9,8 +9,8 @@ import numpy as np
 
 from hal.types import FloatArray
 from perception.calibration.board import BoardView
-from perception.errors import CalibrationRefused
 from perception.intrinsics import Intrinsics
+from perception.perception_errors import CalibrationRefused
 
 LEAST_VIEWS: Final = 8
 LEAST_TILT_RAD: Final = 0.26

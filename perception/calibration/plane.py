@@ -13,8 +13,8 @@ import numpy as np
 from hal.types import FloatArray
 from perception.calibration.board import BoardView
 from perception.camera_view import CameraPose
-from perception.errors import CalibrationRefused
 from perception.intrinsics import Intrinsics, check_size
+from perception.perception_errors import CalibrationRefused
 
 MOST_ERROR_PX: Final = 1.5
 """Maximum RMS reprojection error, in pixels."""

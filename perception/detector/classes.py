@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hal.yaml_file import load
-from perception.errors import GradesFileError
+from perception.perception_errors import GradesFileError
 
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from perception.detector.classes import DetectorClasses
 from perception.detector.decode import decoded, fitted
-from perception.errors import DetectorError
 from perception.frames import Picture
 from perception.grading.grader import FoundBox, GradedApple, Grader
+from perception.perception_errors import DetectorError
 
 USUAL_SIZE: Final = 640
 """Input width and height for a model that accepts any size, in pixels."""

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from hal.types import FloatArray
 from perception.camera_view import CameraView
-from perception.errors import PictureRefused
 from perception.frames import Picture
 from perception.grading.edges import at_transitions
 from perception.grading.light import Pixels, relative_to_table
@@ -17,6 +16,7 @@ from perception.grading.outlines import Outline, box_outline, colored, outlines,
 from perception.grading.settings import GradingSettings
 from perception.grading.skin import VisibleSkin, rim_px, skin_of
 from perception.grading.spheres import AppleSphere, fit_sphere
+from perception.perception_errors import PictureRefused
 
 MOST_ERROR: Final = 0.12
 """Maximum mean deviation of an apple's outline from a circle, as a fraction of the radius."""

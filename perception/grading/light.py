@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.errors import PictureRefused
 from perception.frames import Picture
+from perception.perception_errors import PictureRefused
 
 Pixels = NDArray[np.float32]
 """Linear RGB (height, width, 3)."""

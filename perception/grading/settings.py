@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, model_validator
 
 from hal.yaml_file import load_with_lines
-from perception.errors import GradesFileError
+from perception.perception_errors import GradesFileError
 
 QUANTITIES: Final = ("diameter_mm", "red_ratio", "defect_score")
 """Names of the measured quantities that have thresholds."""

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from drivers.clock import Clock
-from perception.errors import CameraMissing
 from perception.frames import CameraSource
+from perception.perception_errors import CameraMissing
 from perception.sources.recorded import RecordedSource
 from perception.sources.video_device import VideoDevice
 

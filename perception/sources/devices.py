@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.port.owners import port_owners
-from perception.errors import CameraBusy, CameraDenied, CameraMissing
+from perception.perception_errors import CameraBusy, CameraDenied, CameraMissing
 
 BY_ID: Final = "dev/v4l/by-id"
 WATCHERS: Final = ("pipewire", "wireplumber")

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from drivers.clock import Clock
-from perception.errors import CameraError, CameraMissing, CameraSilent, SourceEnded
 from perception.frames import Frame, Picture
+from perception.perception_errors import CameraError, CameraMissing, CameraSilent, SourceEnded
 from perception.sources.rate import RateMeter
 
 PICTURES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")

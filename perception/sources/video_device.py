@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from drivers.clock import Clock
-from perception.errors import CameraError, CameraLost, CameraSilent
 from perception.frames import Frame, Picture
+from perception.perception_errors import CameraError, CameraLost, CameraSilent
 from perception.sources.devices import find_device
 from perception.sources.rate import RateMeter
 

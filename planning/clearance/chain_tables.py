@@ -12,7 +12,7 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.arm_model import SLIDE, ArmModel
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 
 
 class ChainTables(NamedTuple):

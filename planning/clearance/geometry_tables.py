@@ -10,7 +10,7 @@ import numpy as np
 from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.clearance import shapes
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Scene, SceneObject, Shape, Sphere
 
 WORLD: Final = -1

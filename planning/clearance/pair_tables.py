@@ -13,7 +13,7 @@ from planning.arm_model import ArmModel, pair
 from planning.clearance import shapes
 from planning.clearance.chain_tables import ChainTables, travels
 from planning.clearance.geometry_tables import WORLD, Geom, GeomGroup, arm_units, attached_units, world_units
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from planning.scene import Scene
 
 LONGEST_M: Final = 1e6

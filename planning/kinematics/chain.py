@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hal.rotations import quaternions, skew
 from hal.types import FloatArray, JointLimits
-from planning.errors import Code, PlanningError
+from planning.planning_errors import Code, PlanningError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hal.rotations import euler_angles, euler_rates, matrices, rotation_vectors, vector_rates
 from hal.types import FloatArray
-from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
+from planning.planning_errors import PlanningError
 
 ROTATION_M: Final = 0.1
 """Distance that is equivalent to a rotation by 1 rad when positions and orientations are compared, in m/rad."""

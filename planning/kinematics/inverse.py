@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from hal.types import FloatArray
-from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, pose_of
 from planning.kinematics.descent import EXACT_M2, Descent, DescentEffort, descend
 from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGoal, UnreachableError
+from planning.planning_errors import PlanningError
 
 SAMPLES: Final = 1024
 """Number of random joint positions from which the starting points of a search are chosen."""

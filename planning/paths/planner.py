@@ -8,13 +8,13 @@ import numpy as np
 from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions
-from planning.errors import PlanningError
 from planning.paths.blends import distinct
 from planning.paths.margins import PathMargins
 from planning.paths.release import ReleasedEnd, release
 from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.search import path_of_checked
 from planning.paths.smoothing import path_length, shortened
+from planning.planning_errors import PlanningError
 
 SEARCHES: Final = 2
 """Maximum number of searches. A single search may find a path around the wrong side of an obstacle."""

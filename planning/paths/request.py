@@ -9,7 +9,7 @@ import numpy as np
 from hal.types import FloatArray, JointLimits, far_outside
 from planning.arm_model import ArmModel
 from planning.collision import CONTACT_M, Collisions, Margins
-from planning.errors import Code, PlanningError
+from planning.planning_errors import Code, PlanningError
 
 Remaining = Callable[[], float]
 """Function that returns the remaining time, in seconds. The package does not have its own clock."""

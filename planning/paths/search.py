@@ -20,9 +20,9 @@ from ompl import base, geometric, util
 from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
-from planning.errors import PlanningError
 from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.roadmap import roadmap_path
+from planning.planning_errors import PlanningError
 
 atexit.register(gc.unfreeze)
 

@@ -15,9 +15,9 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from hal.types import FloatArray, JointLimits
 from planning.collision import MARGINS, Collisions, Contact, Margins
-from planning.errors import PlanningError
 from planning.paths.blends import TURN, Corner, blended, distinct
 from planning.paths.margins import PathMargins
+from planning.planning_errors import PlanningError
 
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in seconds."""

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
 
 from hal.types import JointLimits
+from servoloop.api.arm_errors import ArmInputError, ArmSetupError
 from servoloop.api.backend import ArmBackend, ArmState, MotionGoal, Observer
 from servoloop.api.checks import check_joints, checked_goal, checked_number, checked_timeout
-from servoloop.api.errors import ArmInputError, ArmSetupError
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion, TargetStream
 from servoloop.api.targets import Positions, approach_s, by_joint, duration_of, goal_of, pose_named

@@ -9,8 +9,8 @@
   message and keeps the latest state that it has received.
 
 All goals and targets are plain data, so that they can be sent in messages. Every implementation raises the errors from
-``servoloop.api.errors``. A server sends an error's class name, message and joint, and its client raises the same error
-again.
+``servoloop.api.arm_errors``. A server sends an error's class name, message and joint, and its client raises the same
+error again.
 
 ``StackBackend`` checks every goal, because a socket client may be written in another language. ``Arm`` only converts
 its arguments into goals.

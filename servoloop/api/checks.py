@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Any
 
 from hal.types import AT_LIMIT, JointLimits, beyond_range
+from servoloop.api.arm_errors import ArmInputError
 from servoloop.api.backend import ArmDescription, MotionGoal
-from servoloop.api.errors import ArmInputError
 
 
 def checked_goal(goal: MotionGoal, arm: ArmDescription) -> MotionGoal:

@@ -6,12 +6,12 @@ from functools import cached_property
 from typing import Final
 
 from controller.teach.freedrive_controller import FreedriveController, guided_joint
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.components.component import Component
 from hal.joint import Joint
 from hal.servos.soft_torque import Softening, SoftTorque
 from hal.types import JointFault
-from servoloop.api.errors import ArmBusyError, ArmError
+from servoloop.api.arm_errors import ArmBusyError, ArmError
 from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.robot_files import Files

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable
 
+from servoloop.api.arm_errors import ArmInputError
 from servoloop.api.backend import ArmDescription
-from servoloop.api.errors import ArmInputError
 from servoloop.api.motion import ArmMotion
 
 

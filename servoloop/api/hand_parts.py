@@ -15,8 +15,8 @@ from controller.gripper.gripper_action_controller import GripperActionController
 from controller.trajectory.execution import RECALL_S
 from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointState
+from servoloop.api.arm_errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.backend import MotionGoal
-from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.motions import CANCELED, REPLACED, failed_text, failure_of
 
 CYCLES_AFTER: Final = 3

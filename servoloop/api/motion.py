@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable, Generator, Mapping
 from typing import Any
 
+from servoloop.api.arm_errors import ArmTimeoutError
 from servoloop.api.backend import ArmBackend, MotionProgress
 from servoloop.api.checks import checked_timeout
-from servoloop.api.errors import ArmTimeoutError
 from servoloop.api.targets import Positions
 
 Convert = Callable[[Positions], Mapping[str, float]]

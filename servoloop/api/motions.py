@@ -12,7 +12,7 @@ from controller.interface import Controller
 from controller.trajectory.goal_result import PREEMPTED_BY_TOPIC
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import Interface, JointState, joints_of
-from servoloop.api.errors import ArmEndedError, MotionCanceledError, MotionFailedError
+from servoloop.api.arm_errors import ArmEndedError, MotionCanceledError, MotionFailedError
 
 Mover = JointTrajectoryController | ForwardCommandController | GripperActionController
 """Controller that can move joints to positions."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from controller.errors import ControllersFileError, ManagerError, PluginError
-from drivers.errors import DriverError
-from hal.errors import HalError
-from servoloop.api.errors import ArmError, ArmSetupError
+from controller.manager_errors import ControllersFileError, ManagerError, PluginError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
+from servoloop.api.arm_errors import ArmError, ArmSetupError
 from servoloop.recording.mcap import check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files

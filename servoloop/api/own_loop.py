@@ -8,10 +8,10 @@ from contextlib import AbstractContextManager, ExitStack, suppress
 from typing import Final
 
 from drivers.clock import Clock
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.types import joints_of
+from servoloop.api.arm_errors import ArmEndedError
 from servoloop.api.backend import ArmDescription
-from servoloop.api.errors import ArmEndedError
 from servoloop.api.stack_backend import StackBackend
 from servoloop.stack.arm_folders import read_arm
 from servoloop.stack.background_worker import BackgroundWorker

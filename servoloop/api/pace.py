@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 from controller.loop import ControlLoop
 from drivers.clock import Clock
-from servoloop.api.errors import ArmEndedError, ArmError
+from servoloop.api.arm_errors import ArmEndedError, ArmError
 
 LOG = logging.getLogger("servoloop")
 POLL_S: Final = 0.005

@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from servoloop.api.errors import ArmError
+from servoloop.api.arm_errors import ArmError
 from servoloop.api.options import setup_errors
 from servoloop.api.own_loop import CLOSED, OwnLoop, describe, ended_by
 from servoloop.api.pace import SimulatedPace

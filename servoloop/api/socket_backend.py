@@ -10,16 +10,16 @@ from time import monotonic
 from typing import Any, Final, Self
 
 from drivers.clock import MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import JointLimits
 from nodes.namespace import parse_namespace
+from servoloop.api.arm_errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
 from servoloop.api.backend import ArmDescription, ArmState, MotionGoal, MotionProgress, Observer
 from servoloop.api.checks import checked_goal, checked_targets
-from servoloop.api.errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
 from servoloop.api.pace import ThreadPace
 from servoloop.api.socket_errors import arm_error
 from servoloop.command_socket.client import CommandClient
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.recording.stream import RunningStack, find_stack
 
 FIRST_S: Final = 5.0

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from servoloop.api.errors import (
+from servoloop.api.arm_errors import (
     ArmBusyError,
     ArmEndedError,
     ArmError,
@@ -13,7 +13,7 @@ from servoloop.api.errors import (
     MotionFailedError,
     StreamEndedError,
 )
-from servoloop.command_socket.errors import CommandError, ErrorKind
+from servoloop.command_socket.command_errors import CommandError, ErrorKind
 
 _CLASSES: Final[Mapping[ErrorKind, type[ArmError]]] = {
     "motion_canceled": MotionCanceledError,

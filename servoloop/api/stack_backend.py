@@ -11,17 +11,17 @@ from typing import Any, Final, cast
 import numpy as np
 
 from controller.diagnostics import Level, health_status
-from controller.errors import ManagerError
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.interface import Controller, ControllerType
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import ManagerError
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of
+from servoloop.api.arm_errors import ArmBusyError, ArmError, ArmInputError, ArmTimeoutError, MotionFailedError
 from servoloop.api.backend import ArmDescription, ArmState, MotionGoal, MotionProgress, Observer
 from servoloop.api.checks import checked_goal, checked_targets
-from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, ArmTimeoutError, MotionFailedError
 from servoloop.api.freedrive import Freedrive
 from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
 from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover

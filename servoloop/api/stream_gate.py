@@ -4,11 +4,11 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from controller.errors import ManagerError
 from controller.forward.commands import ForwardParameters
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.manager.switch import SwitchRequest
-from servoloop.api.errors import ArmBusyError, StreamEndedError
+from controller.manager_errors import ManagerError
+from servoloop.api.arm_errors import ArmBusyError, StreamEndedError
 from servoloop.stack.control_stack import ControlStack
 
 LOG = logging.getLogger("servoloop")

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Union
 
 from hal.types import JointLimits
+from servoloop.api.arm_errors import ArmInputError
 from servoloop.api.backend import ArmDescription, MotionGoal
 from servoloop.api.checks import checked_number, number_of
-from servoloop.api.errors import ArmInputError
 from servoloop.api.trajectory import ArmTrajectory
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from types import FrameType
 from typing import Final
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from servoloop.api.errors import ArmEndedError, ArmError
+from servoloop.api.arm_errors import ArmEndedError, ArmError
 from servoloop.api.options import setup_errors
 from servoloop.api.own_loop import CLOSED, OwnLoop, describe, ended_by
 from servoloop.api.pace import ThreadPace

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import Final
 
 from controller.manager.switch import SwitchRequest
-from drivers.errors import DriverError
-from hal.errors import HalError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
 from hal.lifecycle import LifecycleState
-from servoloop.api.errors import ArmError, ArmTimeoutError
+from servoloop.api.arm_errors import ArmError, ArmTimeoutError
 from servoloop.stack.control_stack import ControlStack
 
 TORQUE_S: Final = 15.0

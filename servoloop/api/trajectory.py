@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Self
 
 from hal.types import JointLimits
+from servoloop.api.arm_errors import ArmInputError
 from servoloop.api.backend import ArmState
-from servoloop.api.errors import ArmInputError
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from controller.motion import MotionError
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import JointState
+from servoloop.api.arm_errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.backend import MotionGoal
-from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError
 from servoloop.api.motions import CANCELED, failure_of, joint_in
 
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from controller.errors import ManagerError
 from controller.interface import Controller, ControllerType
 from controller.manager.claims import claim_mistakes
-from servoloop.api.errors import ArmEndedError, ArmInputError
+from controller.manager_errors import ManagerError
+from servoloop.api.arm_errors import ArmEndedError, ArmInputError
 from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from commissioning.atomic_write import make_folder, write_file
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
 from hal.robot_file.servo_models import FILE_NAME
 from servoloop.arms import combined_files as texts

@@ -11,7 +11,7 @@ import yaml
 from controller.manager.controllers_file import MANAGER
 from controller.manager.parameter_file import ALL, PARAMETERS
 from controller.manager.sections import Sections
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
 from hal.robot_file.robot_file import RobotFile
 from hal.robot_file.servo_models import FILE_NAME

@@ -6,7 +6,7 @@ from typing import Final
 
 from commissioning.atomic_write import make_folder, write_file
 from drivers.servos.catalog import MODELS
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.arms.new_files import arm_text, controllers_text, robot_text
 from servoloop.arms.new_urdf import ROBOT_FILE, NewDescription, metres_per_radian, new_description
 from servoloop.extras import missing_extras

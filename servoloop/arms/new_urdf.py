@@ -12,7 +12,7 @@ from typing import Final
 from xml.etree.ElementTree import Element
 
 from drivers.servos.register import ServoModel
-from hal.errors import ArmFileError, DescriptionError
+from hal.hal_errors import ArmFileError, DescriptionError
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.description_check import MOVING
 from hal.robot_description.urdf import UrdfJoint

@@ -14,7 +14,7 @@ import numpy as np
 from commissioning.provision import drives
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.register import ServoModel
 from drivers.types import ServoGoal

@@ -16,7 +16,7 @@ from rich.table import Table
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel

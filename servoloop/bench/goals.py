@@ -9,7 +9,7 @@ from typing import Final
 from drivers.bus.bus import Bus
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
-from drivers.errors import DriverError, ServoError, ServoRefused, ServoSilent
+from drivers.driver_errors import DriverError, ServoError, ServoRefused, ServoSilent
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS

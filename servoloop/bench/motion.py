@@ -14,7 +14,7 @@ from controller.loop import ControlLoop
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.robot_file.robot_file import ExitFile, ParkFile
 from hal.types import FloatArray, JointLimits
 from servoloop.bench.figures import Distribution, Timing

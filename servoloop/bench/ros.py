@@ -9,10 +9,10 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Final
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.bench.figures import Distribution, RosFigures, Timing
 from servoloop.bench.motion import BACK, Pose, seconds_for
-from servoloop.bench.ros_stack import Work
+from servoloop.bench.ros_stack import RosWork
 from servoloop.recording.reader import RecordedRun, read_recording
 from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.processes import Interrupted, Processes, choose_ros_domain
@@ -71,7 +71,7 @@ def run_ros(
     noted = Promptness()
     with tempfile.TemporaryDirectory(prefix="servoloop-bench-") as folder:
         places = {name: str(Path(device).absolute()) for name, device in devices.items()}
-        work = Work(str(arm.folder), places, dict(lay), folder)
+        work = RosWork(str(arm.folder), places, dict(lay), folder)
         with Processes(Path(folder), os.environ, signals) as stack:
             stack.start("stack", "servoloop.bench.ros_stack", str(work.write()))
             stack.wait_until(work.ready.exists, "starting the stack", START_S)

@@ -15,7 +15,7 @@ WORK: Final = "work.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Work:
+class RosWork:
     """Parameters of the stack process."""
 
     arm: str
@@ -49,7 +49,7 @@ class Work:
         return cls(**json.loads(path.read_text()))
 
 
-def main(work: Work) -> int:
+def main(work: RosWork) -> int:
     """Run the stack until SIGTERM."""
     from servoloop.up import up
     from servoloop.up_options import UpOptions
@@ -64,4 +64,4 @@ def main(work: Work) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(Work.read(Path(sys.argv[1]))))
+    raise SystemExit(main(RosWork.read(Path(sys.argv[1]))))

@@ -7,7 +7,7 @@ from pathlib import Path
 from random import Random
 from typing import Final, cast
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, hand_of, in_scenario, in_schedule, joints_and_hand
@@ -28,8 +28,8 @@ from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.buses.build import NOMINAL_BUILD
 from sim_backend.clock import Hang
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.mechanics import JAMMED
 from sim_backend.faults.settings import WRONG_SETTING
 

@@ -7,7 +7,7 @@ from controller.forward.commands import ForwardParameters
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.trajectory.parameters import TrajectoryParameters
 from drivers.servos.catalog import series_of
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.types import JointLimits
 from pick_place.settings import normal_grade
 from servoloop.campaign.draw_clients import draw_client
@@ -23,8 +23,8 @@ from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import Files
 from sim_backend.faults.draw import TRIES, impossible
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.fault_error import FaultError
 
 Mistake = tuple[tuple[str | int, ...], str]
 """Key path of an error in its file, and a sentence that describes the error."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any, Final
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.campaign.supervised import RUNS_OF_A_PROCESS, Supervisor, WorkerError
 from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_all
 from servoloop.extras import require_extras

@@ -7,8 +7,8 @@ from functools import cache
 from itertools import chain
 from typing import Final
 
-from drivers.errors import DriverError
-from hal.errors import HalError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
 from pick_place.settings import JobSettings
 from servoloop.api.freedrive import Freedrive

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.plausible import Backlash, Duration, FaultCount, Time
 from hal.robot_file.robot_file import ExitPolicy
 from servoloop.campaign.promises import Promises

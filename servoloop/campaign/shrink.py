@@ -11,8 +11,8 @@ from servoloop.campaign.supervised import Loss, Supervisor
 from servoloop.campaign.workers import Stop, quiet
 from servoloop.simulation.schedule import Schedule, after_the_end
 from servoloop.stack.shipped_files import OWN
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
+from sim_backend.faults.fault_error import FaultError
 
 Breaks = Callable[[Schedule], bool]
 """Function that returns whether a run of the schedule violates the invariant."""

@@ -15,7 +15,7 @@ from pickle import loads
 from types import FrameType
 from typing import Any, Final, TypeVar
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.simulation.job import FALLS_S, LONGEST_S
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.processes import end_with_parent

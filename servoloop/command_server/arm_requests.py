@@ -7,12 +7,12 @@ from dataclasses import asdict
 from itertools import count
 from typing import Any
 
+from servoloop.api.arm_errors import ArmError
 from servoloop.api.backend import ArmBackend, MotionGoal, MotionProgress
-from servoloop.api.errors import ArmError
 from servoloop.api.socket_errors import command_error
 from servoloop.command_server.ownership import Owner, Ownership
 from servoloop.command_socket import messages
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 
 LOG = logging.getLogger("servoloop")
 Reply = dict[str, Any]

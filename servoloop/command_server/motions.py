@@ -20,7 +20,7 @@ from controller.manager.switch import Loaded, SwitchRequest
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import joints_of
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 
 TRAJECTORY: Final = (JointTrajectoryController.kind,)
 GRIPPER: Final = (GripperActionController.kind, PositionGripperActionController.kind)

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 
 
 class Owner(Protocol):

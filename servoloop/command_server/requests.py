@@ -7,23 +7,23 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
-from controller.errors import ManagerError
 from controller.gripper.goal import GripperGoal
 from controller.manager.client import ManagerClient
 from controller.manager.requests import Request
 from controller.manager.switch import Loaded, Strictness, SwitchRequest
+from controller.manager_errors import ManagerError
 from controller.trajectory.goal import GoalPoint
-from drivers.errors import DriverError
-from hal.errors import HalError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
+from servoloop.api.arm_errors import ArmError
 from servoloop.api.backend import ArmBackend
-from servoloop.api.errors import ArmError
 from servoloop.api.socket_errors import command_error
 from servoloop.command_server.arm_requests import ArmRequests
 from servoloop.command_server.motions import Motions
 from servoloop.command_server.ownership import Owner, Ownership
 from servoloop.command_server.server_time import RealTime, ServerTime
 from servoloop.command_socket import messages
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.stack.control_stack import ControlStack
 
 Reply = dict[str, Any]

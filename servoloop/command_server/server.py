@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Final
 
 from hal.types import JointState
-from servoloop.api.errors import ArmEndedError
+from servoloop.api.arm_errors import ArmEndedError
 from servoloop.api.own_loop import describe
 from servoloop.api.pace import ThreadPace
 from servoloop.api.stack_backend import StackBackend
 from servoloop.command_server.connection import SocketConnection, peer_user
 from servoloop.command_server.requests import StackRequests
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.command_socket.messages import encode
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.recording.stream import COMMANDS, LiveError, make_live_folder, socket_path

@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol
 
 from servoloop.command_server.requests import StackRequests
 from servoloop.command_socket import messages
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.command_socket.messages import MAX_LINE_BYTES, encode, identity, parse
 
 LOG = logging.getLogger("servoloop")

@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 
 from pydantic_core import from_json
 
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.command_socket.messages import encode
 from servoloop.recording.stream import RunningStack, find_stack
 

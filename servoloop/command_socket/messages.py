@@ -10,7 +10,7 @@ from pydantic_core import from_json
 
 from hal.plausible import AnyAcceleration, AnyVelocity, ClockTime, Duration, NoTruth, Position, Rate, Seed, Speed, Time
 from hal.yaml_file import error_text
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 
 VERSION: Final = 1
 """Protocol version. The version changes whenever an older client would misunderstand a message."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
@@ -114,7 +114,7 @@ def _report(measured: "Measured", out: Path, json: bool) -> None:
     from rich.console import Console
 
     from commissioning.atomic_write import write_file
-    from drivers.errors import DriverError
+    from drivers.driver_errors import DriverError
     from servoloop.bench.page import page
 
     if not json:

@@ -11,7 +11,7 @@ from rich.table import Table
 from commissioning.calibrations import CalibrationRow, calibration_rows, export_calibration, import_calibration
 from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.commands.shared.console import JsonOption, YesOption, print_json, print_table
 from servoloop.commands.shared.line_options import named_devices
 from servoloop.commands.shared.option_groups import grouped_options

@@ -133,7 +133,7 @@ def show(
 
     Example: `servoloop camera show 0 --out camera.png`
     """
-    from perception.errors import SourceEnded
+    from perception.perception_errors import SourceEnded
 
     with form.opened(source) as camera:
         first = last = camera.read(READ_S)
@@ -165,7 +165,7 @@ def board(
     """
     require_extras("the board", "vision")
     from perception.calibration.board import board_pdf, board_picture
-    from perception.errors import CalibrationRefused
+    from perception.perception_errors import CalibrationRefused
 
     ending = out.suffix.lower()
     if ending == ".pdf":
@@ -241,7 +241,7 @@ def _collect(camera: "CameraSource", board: "Board", effort: Effort) -> "list[Bo
     """Return views of the board, either from a camera or from all images of a recording."""
     from perception.calibration.board import BoardDetector
     from perception.calibration.collect import ViewCollector
-    from perception.errors import SourceEnded
+    from perception.perception_errors import SourceEnded
     from perception.sources.recorded import RecordedSource
 
     collector = ViewCollector(BoardDetector(board))
@@ -268,7 +268,7 @@ def _encoded(picture: "Picture", ending: str) -> bytes:
     """Encode a gray or BGR image in the file format selected by the suffix ``ending``."""
     import cv2
 
-    from perception.errors import CameraError
+    from perception.perception_errors import CameraError
 
     if ending not in (".png", ".jpg", ".jpeg"):
         raise CameraError(f"'{ending}' is not an image format: choose a file that ends with .png or .jpg")
@@ -277,7 +277,7 @@ def _encoded(picture: "Picture", ending: str) -> bytes:
 
 def _save(path: Path, content: bytes) -> None:
     from commissioning.atomic_write import cannot_write, write_whole
-    from perception.errors import CameraFileError
+    from perception.perception_errors import CameraFileError
 
     try:
         write_whole(path, content, keep=False)

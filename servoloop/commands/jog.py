@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
 from servoloop.stack.shipped_files import OWN

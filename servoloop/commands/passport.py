@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.passport.compare import Comparison, compare, take_passport
 from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
 from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore_all

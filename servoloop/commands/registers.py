@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from servoloop.commands.shared.console import JsonOption, confirm, print_json, print_table
 from servoloop.commands.shared.line_options import interruptible
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json, print_table
 from servoloop.stack.processes import Interrupted
@@ -83,7 +83,7 @@ def scan(
 
 def _models(arm: str) -> "dict[int, ServoModel]":
     """Return the servo models of an arm, keyed by servo ID. Raises DriverError if the arm has several buses."""
-    from drivers.errors import DriverError
+    from drivers.driver_errors import DriverError
     from drivers.servos.catalog import MODELS
     from servoloop.commands.shared.options import known_arm
     from servoloop.stack.arm_options import ServoArm

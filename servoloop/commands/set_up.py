@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivers.errors import DriverError, PortLost
+from drivers.driver_errors import DriverError, PortLost
 from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, print_table
 from servoloop.commands.shared.line_options import PortOption, bus_of, open_line
 from servoloop.commands.shared.option_groups import grouped_options

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.commands.shared.option_groups import grouped_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json

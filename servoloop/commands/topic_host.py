@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.topic_host.topics import COMMANDS, NAME, OTHER, STATES, HostTopics
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network

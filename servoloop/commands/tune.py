@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from commissioning.atomic_write import write_file
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.shared.line_options import PortsOption, served_devices
 from servoloop.commands.shared.option_groups import grouped_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from commissioning.atomic_write import make_folder, require_writable
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
 from servoloop.commands.shared.option_groups import grouped_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, RosError, require_ros
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras

@@ -11,7 +11,7 @@ from viser._messages import RunJavascriptMessage
 
 from controller.diagnostics import CONTROLLERS
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.command_socket.client import CommandClient
 from servoloop.dashboard.narrow_page import PINNED
 from servoloop.manual.buttons import REPEATS_HZ, Command, GoTo, HeldButtons, Moves, Turn

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 import viser.uplot as uplot
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.description import Description, UrdfJoint, parse_urdf
 from hal.text_file import read_xml
 from hal.types import FloatArray

@@ -20,7 +20,7 @@ import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 LOCALHOST: Final = "127.0.0.1"
 NAMES: Final = ("localhost", LOCALHOST)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.clock import MonotonicClock
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from servoloop.virtual_camera import VirtualCamera
 
 NICE: Final = 5

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.namespace import namespace_arguments
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Camera, JobRunner, Live, RosClients

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from commissioning.atomic_write import write_file
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import JobRun, Live

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.recording.following_error import UNKNOWN, FollowingError, between_cycles, following_error
 from servoloop.stack.processes import Interrupted, Processes
 from servoloop.stack.signals import Signals

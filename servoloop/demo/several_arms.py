@@ -14,7 +14,7 @@ import psutil
 from rich.console import Console
 
 from commissioning.atomic_write import write_file
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.namespace import namespace_arguments
 from servoloop.demo.cell import NODE, START_S, open_feed, open_page, start_stack
 from servoloop.demo.cell_options import CellOptions

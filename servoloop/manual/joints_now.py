@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import JointLimits
 
 

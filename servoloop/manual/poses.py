@@ -9,8 +9,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.atomic_write import write_whole
-from drivers.errors import DriverError
-from hal.errors import ArmFileError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import ArmFileError
 from hal.plausible import Position
 from hal.types import JointLimits
 from hal.yaml_file import load

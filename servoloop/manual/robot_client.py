@@ -10,7 +10,7 @@ import numpy as np
 from controller.guided_motion import HORIZON_S, GuidedMotion, JointPositions
 from hal.types import FloatArray
 from servoloop.command_socket.client import CommandClient
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.manual.joints_now import HandlingError, MovableRobot, describe_faults
 
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"

@@ -5,11 +5,11 @@ from typing import Final
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from planning.arm_model import ArmModel
 from planning.collision import PADDING_M
-from planning.errors import PlanningError
 from planning.groups import Group, Groups, States, derive_groups
+from planning.planning_errors import PlanningError
 from planning.robot import PlanningRobot
 from planning.srdf_file import read_pairs, read_srdf
 from servoloop.manual.poses import Poses

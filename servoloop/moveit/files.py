@@ -10,7 +10,7 @@ from typing import Final
 from xml.etree import ElementTree
 
 from commissioning.atomic_write import make_folder, write_file
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
 from planning.srdf_file import read_pairs
 from servoloop.motion_planning.collision_matrix import SAMPLES, Pair, reasons

@@ -9,7 +9,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.types import FloatArray
 from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec

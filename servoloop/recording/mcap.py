@@ -9,7 +9,7 @@ import typer
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 CHUNK: Final = 256 * 1024
 """Maximum size of a chunk, in bytes. A cycle takes up about 5,000 bytes."""

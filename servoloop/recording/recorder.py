@@ -10,7 +10,7 @@ from time import monotonic
 from typing import Final, Protocol
 
 from controller.manager.requests import Request
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from hal.types import JointState
 from servoloop.recording.bus_tap import BusTaps, Transfer

@@ -102,7 +102,7 @@ class RobotSnapshot:
         return {name: status.message for name, status in self.statuses.items() if status.level >= 2}
 
 
-class RobotState:
+class ReportedState:
     """State of a robot. One thread updates the state with messages; any thread may read it."""
 
     def __init__(self) -> None:
@@ -256,7 +256,7 @@ class ObservedRobot:
     """Robot with its state and history. One thread updates it with messages; any thread may read it."""
 
     def __init__(self) -> None:
-        self.state = RobotState()
+        self.state = ReportedState()
         self.pictures = Pictures()
         self._lock = threading.Lock()
         self._health: deque[Health] = deque()

@@ -10,7 +10,7 @@ from typing import IO, Final, NamedTuple, Self
 
 from mcap.reader import NonSeekingReader
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.recording.mcap_messages import Encoded, Received, decoded, encoded
 
 

@@ -7,14 +7,14 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from controller.errors import ManagerError
 from controller.guided_motion import HORIZON_S, GuidedMotion, JointPositions
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import ManagerError
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
-from drivers.errors import DriverError
-from hal.errors import HalError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
 from hal.hardware import Reactivating
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointFault, JointLimits, JointState

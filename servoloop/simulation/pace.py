@@ -8,7 +8,7 @@ from time import monotonic
 from typing import Final, Protocol
 
 from controller.manager.requests import ENDED, Request
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 POLL_S: Final = 0.1
 """Maximum time between two checks while waiting, in seconds of real time."""

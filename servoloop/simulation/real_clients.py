@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from controller.loop import ControlLoop
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.port import Port
 from hal.types import JointState
 from servoloop.simulation.pace import POLL_S, Pace

@@ -5,7 +5,7 @@ from pathlib import Path
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.plausible import Backlash, Position, Seed, Time
 from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load

@@ -6,9 +6,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from controller.errors import ControllersFileError
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller
+from controller.manager_errors import ControllersFileError
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking

@@ -18,8 +18,8 @@ from hal.types import FloatArray, JointState
 from hal.yaml_nodes import compose
 from servoloop.simulation.goal_log import GoalLog
 from servoloop.stack.robot_files import Files, ServoFiles
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import HOLD_S, ClientFault, ControllerFault, Inventory
 

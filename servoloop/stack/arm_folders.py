@@ -8,7 +8,7 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.calibrate.plan import ArmPlan
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.stack.robot_files import NO_ARGUMENTS, Files, ServoFiles, read_servo_files, with_controllers

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.namespace import parse_namespace
 from servoloop.stack.shipped_files import OWN
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from sim_backend.scene.world_feed import feed_path
 
 VIRTUAL = "virtual"

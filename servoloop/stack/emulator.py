@@ -12,7 +12,7 @@ from commissioning.registers.tables import rates_of
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_file.robot import Robot
 from servoloop.stack.devices import device_paths

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.clock import MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.extras import require_extras
 from servoloop.stack import hardware
 from servoloop.stack.devices import device_paths

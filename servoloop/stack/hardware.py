@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import PortError
+from drivers.driver_errors import PortError
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from hal.compensation.gravity import Gravity
 from hal.compensation.servo_compliance import Compliance
 from hal.components.component_set import ComponentSet
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.mock_hardware import MockHardware

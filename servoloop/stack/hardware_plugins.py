@@ -2,10 +2,10 @@
 
 from importlib.metadata import entry_points
 
-from controller.errors import PluginError
 from controller.manager.plugins import why_not_loaded
+from controller.manager_errors import PluginError
 from drivers.clock import Clock
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.hardware import Hardware, outputs_of
 from hal.robot_description.hardware_info import HardwareInfo
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from controller.errors import ControllersFileError
+from controller.manager_errors import ControllersFileError
 from drivers.port.line import BITS_PER_BYTE
 from drivers.types import ServoGoal
 from hal.robot_file.robot import Robot

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.processes import prompt_interpreter, put_first
 from servoloop.stack.signals import Signals

@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from controller.manager.parameter_file import PARAMETERS
 from controller.manager.sections import Sections
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.plausible import Position
 from hal.yaml_file import mistakes
 

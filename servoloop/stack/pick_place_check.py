@@ -9,7 +9,7 @@ import numpy as np
 from controller.manager.controllers_file import ControllersFile
 from hal.compensation.gravity import Gravity
 from hal.compensation.joint_offset import LARGEST_LOAD
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_file.robot import Robot
 from servoloop.stack.pick_place import PickPlace

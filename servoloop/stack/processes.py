@@ -15,7 +15,7 @@ from typing import Any, Final
 import psutil
 
 from drivers.clock import MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 END_S: Final = 60.0
 """Maximum time for a process to end, in seconds. The emulator renders its images before it exits."""

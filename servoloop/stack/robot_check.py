@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from controller.errors import ControllersFileError
 from controller.manager.controllers_file import ControllersFile, load_controllers_file
 from controller.manager.parameter_file import read_parameter_file
-from hal.errors import ArmFileError, DescriptionError, RobotFileError
+from controller.manager_errors import ControllersFileError
+from hal.hal_errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
 from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl

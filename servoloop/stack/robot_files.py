@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 
-from controller.errors import ControllersFileError
 from controller.manager.controllers_file import ControllersFile, load_controllers_file
-from hal.errors import DescriptionError, RobotFileError
+from controller.manager_errors import ControllersFileError
+from hal.hal_errors import DescriptionError, RobotFileError
 from hal.robot_description.description import Description, merged, parse_urdf
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_description.xacro_file import SUFFIX, expand_xacro

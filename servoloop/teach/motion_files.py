@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from commissioning.atomic_write import make_folder, write_whole
 from controller.teach.hand_path import HandPath, excess, outside
 from controller.trajectory.goal import LONGEST_GOAL_S
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.joint import Joint
 from hal.plausible import AnyVelocity, NoTruth, Position
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range

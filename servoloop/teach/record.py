@@ -9,11 +9,11 @@ import numpy as np
 
 from controller.teach.hand_path import inside, path_of
 from controller.trajectory.goal import LONGEST_GOAL_S
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import FloatArray
 from servoloop.api.arm import Arm
+from servoloop.api.arm_errors import ArmError
 from servoloop.api.backend import ArmState
-from servoloop.api.errors import ArmError
 from servoloop.teach.motion_files import RecordedMotion, TeachError, beyond
 
 SOFT: Final = (

@@ -9,7 +9,7 @@ import numpy as np
 from controller.loop import ControlLoop
 from controller.teleop.leader_follower_controller import FollowedJoint, LeaderFollowerController
 from drivers.clock import Clock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from hal.components.component import Component

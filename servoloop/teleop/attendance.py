@@ -5,9 +5,9 @@ from typing import Any, Final, Protocol
 
 from controller.manager.requests import Request
 from controller.manager.switch import SwitchRequest
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.components.component import Component
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LEADER
 from servoloop.manual.dead_man import Keys

@@ -16,7 +16,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.stack_faults import GOAL_ATTRIBUTES, Upsettable
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.shipped_files import OWN
-from servoloop.testing.errors import ArmTestError
+from servoloop.testing.arm_test_error import ArmTestError
 from servoloop.testing.invariants import ChosenInvariants
 from sim_backend.buses.build import Build
 from sim_backend.faults.draw import draw

@@ -6,7 +6,7 @@ from inspect import cleandoc
 from servoloop.campaign.invariants import Invariant
 from servoloop.campaign.invariants.watch import ALL, Watch
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.testing.errors import ArmTestError
+from servoloop.testing.arm_test_error import ArmTestError
 
 IDLE = (
     "the condition of this invariant never occurred. Make the condition occur, or remove the name from `examined`. {}"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from drivers.clock import MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.discovery import stay_on_this_machine
 
 DOMAINS = range(1, 98, 4)

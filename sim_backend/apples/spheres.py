@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import mujoco
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from sim_backend.apples.apple import Apple, draw_apple
 from sim_backend.arm_names import ARMS
 

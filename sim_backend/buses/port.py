@@ -8,7 +8,7 @@ from collections import deque
 from typing import Any
 
 from drivers.clock import Clock
-from drivers.errors import PortLost, PortMissing
+from drivers.driver_errors import PortLost, PortMissing
 from sim_backend.line.line import DelayedReply, ServoLine
 
 

@@ -10,7 +10,7 @@ import tty
 from pathlib import Path
 from typing import Final, Self
 
-from drivers.errors import PortBusy, PortError
+from drivers.driver_errors import PortBusy, PortError
 
 LOG = logging.getLogger("servoloop.sim_backend")
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from sim_backend.apples.apple import Apple, draw_apple
 from sim_backend.apples.spheres import resize
 from sim_backend.camera.light import Light

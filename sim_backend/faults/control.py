@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from sim_backend.control import Command, Handler
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.text import matching, parse, text_of
 

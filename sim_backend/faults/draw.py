@@ -8,9 +8,9 @@ from collections.abc import Collection, Iterator
 from random import Random
 from typing import Final
 
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.targets import Inventory, Since
 
 AT_THE_START: Final = 1 / 6

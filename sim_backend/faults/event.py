@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, field_validator
 
 from drivers.servos.register import ServoModel
 from hal.plausible import Chance, Duration, Seed, ServoId, Time
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import FaultPlace, FaultTargets, Inventory, Since
 

@@ -10,8 +10,8 @@ from pydantic import model_validator
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 from hal.plausible import Duration, Ohms, ServoId, Volts
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, OfBus, OfServo, any_servo
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import about, log_uniform
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.line import ServoLine

@@ -10,8 +10,8 @@ from pydantic import field_validator
 
 from drivers.servos.register import ServoModel
 from hal.plausible import Counts, Torque
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import about, either_way, log_uniform
 from sim_backend.faults.targets import FaultTargets, Inventory, Mechanics
 

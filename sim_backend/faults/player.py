@@ -5,8 +5,8 @@ from contextlib import ExitStack
 from heapq import heapify, heappop, heappush
 from typing import Final
 
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.targets import FaultTargets, Inventory, Since
 
 ENDS, BEGINS = 0, 1

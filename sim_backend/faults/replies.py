@@ -6,8 +6,8 @@ from random import Random
 from typing import Any, ClassVar, Final, Literal
 
 from hal.plausible import Delay, ServoId
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Replies
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.line import overlaid

@@ -8,9 +8,9 @@ import yaml
 from pydantic import RootModel
 
 from hal.yaml_file import load
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import FaultEvent
+from sim_backend.faults.fault_error import FaultError
 
 
 class _Script(RootModel[list[FaultEvent]]):

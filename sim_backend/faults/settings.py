@@ -13,8 +13,8 @@ from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Access, Register, ServoModel
 from hal.plausible import Baud, Number, RegisterValue, ServoId
 from sim_backend.box import FACTORY_ID
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tables import any_value, register_of, require_value
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.power import restart

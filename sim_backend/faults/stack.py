@@ -6,8 +6,8 @@ from random import Random
 from typing import Any, ClassVar, Literal
 
 from hal.plausible import Duration, Position, Seed
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event, Lasting, Momentary
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import either_way, log_uniform
 from sim_backend.faults.targets import ClientFault, ControllerFault, FaultTargets, Inventory, StackTarget
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from drivers.servos.catalog import registers_of
 from drivers.servos.register import Register, ServoModel
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import either_way, log_uniform
 
 ZERO: Final = 0.15

@@ -7,7 +7,7 @@ from random import Random
 from typing import Any, Final, Literal, Protocol
 
 from drivers.servos.register import ServoModel
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.holds import Holds
 from sim_backend.line.line import ServoLine
 

@@ -9,9 +9,9 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from hal.yaml_file import error_text
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import EVENT, KINDS
+from sim_backend.faults.fault_error import FaultError
 
 _WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as", "register_name": "register"}
 _UNITS: Final = ("_s", "_v", "_ohm", "_nm", "_rad", "_c")

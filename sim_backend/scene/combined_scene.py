@@ -15,7 +15,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from sim_backend.arm_names import ARMS, arm_prefixes, part_name, prefix_of
 from sim_backend.scene.cube_cell import FloatArray
 from sim_backend.scene.overview import overview_camera

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from sim_backend.mechanics.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROTOR_INERTIA_KG_M2
 from sim_backend.scene.cube_cell import FloatArray
 from sim_backend.scene.overview import overview_camera

@@ -12,7 +12,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from sim_backend.arm_names import arm_prefixes
 from sim_backend.scene.cube_cell import BINS, FloatArray, cell_prefixes
 from sim_backend.scene.scene_file import scene_model

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 import mujoco
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from hal.robot_description.xml_places import place
 from sim_backend.scene.scene_parts import scene_parts
 

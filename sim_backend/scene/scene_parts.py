@@ -7,8 +7,8 @@ from typing import Final
 from xml.etree.ElementTree import Element
 from xml.parsers.expat import ExpatError
 
-from hal.errors import ArmFileError
 from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
+from hal.hal_errors import ArmFileError
 from hal.robot_description.xml_places import parse_xml, place
 from hal.text_file import read_xml
 

@@ -16,7 +16,7 @@ from typing import Any, Final, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import PortBusy, PortError
+from drivers.driver_errors import PortBusy, PortError
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop import cli
 from servoloop.arms.combine import combine, combined, parse_arms, parse_bases
 from servoloop.manual.poses import CLOSE, OPEN, Poses, find_targets

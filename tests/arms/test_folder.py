@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop import cli
 from servoloop.stack.arm_folders import arms, find_arm, read_arm_files
 from servoloop.stack.robot_files import read_files

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop import cli
 from servoloop.simulation.job import require_cell
 from servoloop.stack.arm_folders import find_arm, read_arm, read_arm_files

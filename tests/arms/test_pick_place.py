@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import load_pick_place
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.manual.poses import Poses
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text
 from servoloop.simulation.stack_faults import inventory_of

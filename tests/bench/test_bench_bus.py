@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.bus import simulator
-from benchmarks.decoder import KINDS, Kind, flood, pieces
+from benchmarks.decoder import KINDS, StreamKind, flood, pieces
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts
 from drivers.types import ServoGoal
 from servoloop.bench.bus import bench_bus, parse_ids
@@ -150,7 +150,7 @@ def test_invalid_ids_are_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-def test_ten_million_random_bytes(kind: Kind) -> None:
+def test_ten_million_random_bytes(kind: StreamKind) -> None:
     """Two thirds of the bytes contain many headers or replies. ``python -m benchmarks.decoder`` prints the counts."""
     believed, wrong = flood(kind, pieces(kind, 10_000_000, 7))
     assert wrong == 0 and believed > 10_000

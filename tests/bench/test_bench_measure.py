@@ -7,7 +7,7 @@ import pytest
 
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError, ServoRefused
+from drivers.driver_errors import DriverError, ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.protocol import v2 as dynamixel_wire
 from drivers.servos import ax_mx as dxl

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import pytest
 
 from commissioning.slow_arm import SPEED_SHARE
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts, x
 from servoloop.bench.arm import Measured, measure_buses
 from servoloop.bench.page import page

@@ -16,7 +16,7 @@ from hal.servos.soft_torque import Softening
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.command_server import connection, server, session
 from servoloop.command_socket.client import CommandClient
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from tests.command_socket.rig import SocketRig, served
 from tests.servoloop.served import eventually
 from tests.stack.rig import READY

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from servoloop.command_socket.client import CommandClient
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from tests.command_socket.rig import SocketRig, served, settle
 from tests.servoloop.served import eventually
 from tests.stack.rig import ARM, READY

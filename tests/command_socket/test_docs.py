@@ -6,7 +6,7 @@ import pytest
 
 from servoloop.command_server import requests, server, session
 from servoloop.command_socket import messages
-from servoloop.command_socket.errors import KINDS
+from servoloop.command_socket.command_errors import KINDS
 from tests.command_socket.rig import SocketRig, served
 from tests.pages import DOCS, code
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import PortBusy, PortDenied, PortLost
+from drivers.driver_errors import PortBusy, PortDenied, PortLost
 from drivers.servos import sts
 from hal.robot_file.calibration_file import CalibrationFile
 from sim_backend.buses.feetech import VirtualBus, servo_of

@@ -11,7 +11,7 @@ from commissioning.doctor.motion import Move, no_move
 from commissioning.doctor.report import DoctorReport
 from commissioning.ports.machine import Machine
 from drivers.bus.bus import Bus
-from drivers.errors import PortError
+from drivers.driver_errors import PortError
 from drivers.servos.register import Register
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile

@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.access import write_register
 from commissioning.registers.address import factory_reset, reboot, set_baud, set_id
 from commissioning.registers.tables import rates_of
 from commissioning.scan.find import find_servo
+from drivers.driver_errors import PortError, ServoRefused
 from drivers.eeprom import EepromError
-from drivers.errors import PortError, ServoRefused
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.access import read_register, write_register
 from commissioning.registers.mute import answer_reads
 from commissioning.scan.find import find_servo

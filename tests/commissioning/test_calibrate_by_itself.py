@@ -7,10 +7,10 @@ import pytest
 
 from commissioning.calibrate.by_itself import ByItself
 from commissioning.calibrate.result import travel_warnings, turns_freely
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError, PortMissing
+from drivers.driver_errors import DriverError, PortMissing
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from hal.joint import Joint

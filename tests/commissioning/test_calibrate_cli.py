@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.clock import MonotonicClock
-from drivers.errors import PortError
+from drivers.driver_errors import PortError
 from drivers.port.serial_port import SerialPort
 from drivers.servos import sts
 from hal.robot_file.robot_file import load_robot_file

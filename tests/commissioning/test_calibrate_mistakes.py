@@ -12,7 +12,7 @@ from commissioning.calibrate.by_hand import ByHand, CalibrationTask
 from commissioning.calibrate.result import JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.run import DIRECTIONS, by_hand, to_turn_round
 from commissioning.calibrate.sweep import Swept
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from hal.joint import Joint
 from tests.commissioning.arm import Person, off_rad
 from tests.commissioning.held import HeldArm

@@ -24,9 +24,9 @@ from commissioning.calibrate.run import (
     calibrate,
     to_repeat,
 )
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import StoppedError
-from drivers.errors import PortLost, ServoRefused, ServoSilent
+from drivers.driver_errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from hal.joint import Joint

@@ -11,10 +11,10 @@ import pytest
 from commissioning.calibrate.result import JointCalibration
 from commissioning.calibrate.run import check
 from commissioning.calibrate.store import store
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
+from drivers.driver_errors import DriverError, PortLost, ServoError
 from drivers.eeprom import OPEN, EepromError
-from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel

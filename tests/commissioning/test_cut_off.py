@@ -9,7 +9,7 @@ from commissioning.provision import provision
 from commissioning.registers.access import write_register
 from commissioning.registers.address import factory_reset, reboot, set_baud, set_id
 from commissioning.scan.find import FoundServo, find_servo
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import PortDenied, PortMissing
+from drivers.driver_errors import PortDenied, PortMissing
 from tests.commissioning.machines import BRLTTY_RULES, STRANGER, SmallMachine
 from tests.commissioning.patient import Patient
 

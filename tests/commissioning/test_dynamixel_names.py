@@ -8,7 +8,7 @@ from commissioning.doctor.doctor import judge
 from commissioning.doctor.findings import Finding
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot
 from drivers.bus.bus import Bus
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import UNSUPPORTED, known_as
 from drivers.servos.dynamixel import X

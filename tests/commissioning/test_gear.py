@@ -9,7 +9,7 @@ import pytest
 from commissioning.drive_trial import TrialMotion
 from commissioning.set_up.turn import WAY_RAD, GearResult, called, judge_gear, rivals, v_s_rad
 from commissioning.slow_arm import StoppedError
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from drivers.servos import sts
 from drivers.servos.register import ServoModel
 from sim_backend.faults import Disturbance

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrations import built_signs, calibration_rows, export_calibration, import_calibration
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.lerobot import LerobotFile, LerobotJoint, lerobot_text, to_lerobot
 from commissioning.lerobot_import import Imported, from_lerobot
 from drivers.servos.sts import STS3215

@@ -11,7 +11,7 @@ from commissioning.passport.file import Passport, PassportError, read_passport, 
 from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore, restore_all
 from commissioning.provision import persistent_registers
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError, PortLost
+from drivers.driver_errors import DriverError, PortLost
 from drivers.servos import sts
 from drivers.servos.register import Access, Register, ServoModel
 from drivers.servos.x import MODELS as X_MODELS

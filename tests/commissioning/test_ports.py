@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.ports import machine as permissions
 from commissioning.ports.adapters import only_port, ports
 from commissioning.ports.chips import CHIPS, chip_text

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.access import GOALS, list_registers, read_register, write_register
 from commissioning.scan.find import find_servo
-from drivers.errors import ServoError
+from drivers.driver_errors import ServoError
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Access, ServoModel

@@ -13,7 +13,7 @@ from commissioning.scan.identify import identity_of
 from commissioning.scan.scan import ScanReport, ScanScope, scan
 from commissioning.scan.steps import steps
 from commissioning.scan.wire import Wire, _v1_replies
-from drivers.errors import PortError, PortLost
+from drivers.driver_errors import PortError, PortLost
 from drivers.protocol import v1, v2
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.catalog import MODELS, series_of

@@ -7,7 +7,7 @@ import pytest
 
 from commissioning.set_up.flow import TRIES, SetUp, SetUpTask
 from commissioning.set_up.only_one import ServoPlace, SetUpError, in_order, places_of
-from drivers.errors import DriverError, PortLost
+from drivers.driver_errors import DriverError, PortLost
 from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
 from servoloop.stack.arm_folders import find_arm, read_arm_files

@@ -9,7 +9,7 @@ from commissioning.tune.gains import TuneError
 from commissioning.tune.report import tune
 from commissioning.tune.tuner import Ending, Tuner
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts, x
 from hal.joint import Joint
 from servoloop.stack.hardware import servo_bus

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.tables import meaning, rates_of, register_named
 from commissioning.registers.values import UNITS, Unit, parse, unit_of, value_of
 from drivers.servos import ax_mx, scs, sts, x, xl320

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from commissioning.errors import CommissioningError
+from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.access import list_registers, read_register, value_to_write, write_register
 from commissioning.registers.address import factory_reset, reboot, set_baud, set_id
 from commissioning.registers.by_address import read_address, write_address

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop import cli
 from servoloop.motion_planning.collision_matrix import Pair, pair
 from servoloop.moveit.files import MOVEIT, moveit_files

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.moveit.plannable import PaddedArm
 from servoloop.moveit.surroundings import ROOM_M, surroundings
 from sim_backend.scene.cube_cell import BINS

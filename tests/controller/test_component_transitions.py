@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from controller.component_transitions import ComponentTransition, TransitionRules
-from controller.errors import SwitchError
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import SwitchError
 from controller.shutdown import shut_down
-from drivers.errors import PortLost, PortMissing
+from drivers.driver_errors import PortLost, PortMissing
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError, LifecycleError, PartLost
+from hal.hal_errors import ActivationError, LifecycleError, PartLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 from sim_backend.clock import SimulatedClock

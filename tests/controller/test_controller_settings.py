@@ -5,11 +5,11 @@ from typing import Any, cast
 
 import pytest
 
-from controller.errors import ControllersFileError
 from controller.interface import ControllerContext
 from controller.manager.controller_spec import ControllerSpec
 from controller.manager.factory import Factory
 from controller.manager.settings import ManagerSettings, setting_mistake
+from controller.manager_errors import ControllersFileError
 from tests.controller.test_controllers_file import HAND_TYPE, PLAIN, description, load
 
 MORE = "hand_controller: {ros__parameters: {command_timeout: 7.5, joints: [joint1]}}"

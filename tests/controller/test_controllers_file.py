@@ -7,7 +7,6 @@ import pytest
 from pydantic import ValidationError
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
-from controller.errors import ControllersFileError
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import ControllerContext
 from controller.manager.controller_spec import ControllerSpec
@@ -15,6 +14,7 @@ from controller.manager.controllers_file import ControllersFile, load_controller
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.settings import ManagerSettings
+from controller.manager_errors import ControllersFileError
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.file_size import LARGEST_BYTES
 from hal.robot_description.description import Description, HardwareInfo, parse_urdf

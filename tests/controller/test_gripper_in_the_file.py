@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from controller.broadcasters.servo_state_broadcaster import ServoStateBroadcaster
-from controller.errors import ControllersFileError
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.interface import ControllerContext
 from controller.manager.controllers_file import load_controllers_file
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
+from controller.manager_errors import ControllersFileError
 from hal.robot_description.description import parse_urdf
 from tests.controller.bench import HAND_LIMITS
 from tests.controller.manager_bench import Interfaces

@@ -11,11 +11,11 @@ from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
 from controller.manager.switch import SwitchRequest
 from controller.parameters import Parameters
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError
 from hal.fault_timeout import FAULT_CYCLES
+from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointFault, JointLimits, JointState

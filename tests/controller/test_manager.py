@@ -5,11 +5,11 @@ import logging
 import numpy as np
 import pytest
 
-from controller.errors import ClaimError, ManagerError, SwitchError
 from controller.manager.controller_spec import ControllerSpec
 from controller.manager.manager import ControllerManager
 from controller.manager.registry import Transition
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import ClaimError, ManagerError, SwitchError
 from controller.parameters import Parameters
 from hal.lifecycle import LifecycleState
 from tests.controller.manager_bench import HELD, STANDING, Interfaces, Puppet, cycle, managing

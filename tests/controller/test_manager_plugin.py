@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.errors import ControllersFileError, ManagerError, SwitchError
 from controller.interface import ControllerContext
 from controller.loop import ControlLoop
 from controller.manager.client import ManagerClient
@@ -19,6 +18,7 @@ from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.settings import ManagerSettings
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import ControllersFileError, ManagerError, SwitchError
 from hal.components.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware

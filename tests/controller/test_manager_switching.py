@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.errors import SwitchError
 from controller.manager.manager import ControllerManager
 from controller.manager.switch import NOTHING, Strictness, SwitchRequest, taken
+from controller.manager_errors import SwitchError
 from hal.lifecycle import LifecycleState
 from tests.controller.manager_bench import HELD, Interfaces, Puppet, cycle, managing
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from controller.errors import ControllersFileError
 from controller.manager.controllers_file import ControllersFile, load_controller, load_controllers_file
 from controller.manager.sections import Sections
 from controller.manager.settings import ManagerSettings
+from controller.manager_errors import ControllersFileError
 from tests.controller.test_controllers_file import ARM_TYPE, HAND_TYPE, PLAIN, description
 
 TWO_ARMS = f"""

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from controller.errors import ControllersFileError
 from controller.manager.node_parameters import named, parameters_of
 from controller.manager.parameter_file import read_parameter_file
+from controller.manager_errors import ControllersFileError
 
 NAMED_AGAIN = """
 /**:

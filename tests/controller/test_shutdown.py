@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controller.shutdown import shut_down
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from hal.lifecycle import LifecycleState
 from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, to
 

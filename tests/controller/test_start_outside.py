@@ -13,8 +13,8 @@ from controller.shutdown import shut_down
 from drivers.servos import sts
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError
 from hal.gate import RETURN_SHARE
+from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.backoff import LONGEST_PAUSE_S
 from drivers.bus.bus import Bus
-from drivers.errors import ServoCorrupt, ServoRefused, ServoSilent
+from drivers.driver_errors import ServoCorrupt, ServoRefused, ServoSilent
 from drivers.servos import x
 from drivers.servos.register import Register
 from drivers.types import ServoFault, ServoGoal, ServoState
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import OPEN_S
-from drivers.errors import ServoError, ServoRefused
+from drivers.driver_errors import ServoError, ServoRefused
 from drivers.protocol import v2 as wire
 from drivers.servos import indirect, x, xl320
 from drivers.servos.dynamixel import ALARMED

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.protocol import v2 as wire
 from drivers.servos import x as x_series
 from drivers.servos import xl320

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
+from drivers.driver_errors import PortLost, ServoError, ServoSilent
 from drivers.eeprom import SILENCES, TRIES, Change, EepromError, eeprom, update
-from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts, xl320
 from drivers.servos.register import Register

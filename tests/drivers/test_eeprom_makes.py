@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from drivers.bus.bus import Bus
+from drivers.driver_errors import ServoSilent
 from drivers.eeprom import Change, EepromError, update
-from drivers.errors import ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x
 from drivers.servos.register import Register, ServoModel

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts
 from drivers.servos import x as x_series

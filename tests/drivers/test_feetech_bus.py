@@ -8,7 +8,7 @@ import pytest
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.driver_errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port import Port
 from drivers.protocol import v1 as wire
 from drivers.servos import sts

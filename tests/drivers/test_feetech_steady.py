@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.errors import ServoSilent
+from drivers.driver_errors import ServoSilent
 from drivers.protocol import v1 as wire
 from drivers.servos import sts
 from drivers.types import Reading, ServoGoal, ServoState

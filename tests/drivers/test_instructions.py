@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.errors import DriverError, ServoRefused, ServoSilent
+from drivers.driver_errors import DriverError, ServoRefused, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos.catalog import series_of
 from tests.drivers.test_single_calls import Bench, Case, every_case

@@ -12,7 +12,7 @@ from typing import Protocol
 import pytest
 
 from drivers.clock import Clock, MonotonicClock
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.protocol import v1 as wire

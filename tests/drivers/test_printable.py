@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from controller.loop_figures import LoopFigures
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.port.owners import line_advice
 from drivers.printable import PrintableFormatter, counted, printable
 from hal.servos.diagnose import intermittent_text

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
-from drivers.errors import PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
+from drivers.driver_errors import PortLost, ServoCorrupt, ServoError, ServoRefused, ServoSilent
 from drivers.port.line import GAP_S
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl

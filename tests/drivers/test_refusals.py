@@ -8,7 +8,7 @@ import pytest
 
 from drivers.bus.fast_read import FAST_TRIES
 from drivers.bus.late_replies import OPEN_S
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.servos import x
 from drivers.types import ServoFault, ServoGoal, ServoState
 from hal.joint import Joint

@@ -21,7 +21,7 @@ import pytest
 import serial
 
 from drivers.clock import MonotonicClock
-from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
+from drivers.driver_errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
 from drivers.port import owners, serial_port
 from drivers.port.owners import port_owners
 from drivers.port.serial_port import SerialPort

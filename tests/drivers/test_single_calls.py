@@ -7,7 +7,7 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
-from drivers.errors import ServoCorrupt, ServoError, ServoSilent
+from drivers.driver_errors import ServoCorrupt, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320
 from drivers.servos.catalog import series_of

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError, ServoRefused, ServoSilent
+from drivers.driver_errors import DriverError, ServoRefused, ServoSilent
 from drivers.protocol import v2 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x as x_series

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import cache
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.types import JointState
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files

@@ -6,9 +6,9 @@ from typing import Final
 from hypothesis import strategies as st
 
 from drivers.servos import sts, x
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.lines import AdapterUnplugged
 from sim_backend.faults.targets import Inventory, Since
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import pytest
 
 from servoloop.commands.emulate import does
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.text import parse, words
 from tests.faults.rig import FaultRig, told

@@ -10,10 +10,10 @@ import pytest
 
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
 from sim_backend.faults.false_replies import FalsePosition
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.replies import FlippedReplies, LostReplies
 from sim_backend.faults.servos import Hot

@@ -7,8 +7,8 @@ import pytest
 from drivers.servos import ax_mx, scs, sts, x, xl320
 from drivers.servos.register import ServoModel
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.false_replies import READ_IN_CYCLES, FalseValue
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.targets import Inventory
 from sim_backend.faults.text import parse
 from tests.faults.rig import FaultRig, told

@@ -12,7 +12,7 @@ from servoloop.simulation.stack_faults import NONSENSE, inventory_of
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import load_pick_place
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.text import parse
 from tests.faults.rig import FaultRig, files_of, told
 from tests.stack.rig import PICK, READY

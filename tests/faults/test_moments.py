@@ -17,7 +17,7 @@ from servoloop.simulation.stack_faults import inventory_of
 from servoloop.testing.arm import VirtualArm
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.script import read_script
 from sim_backend.faults.targets import FaultTargets

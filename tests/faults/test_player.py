@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import PortLost, PortMissing
+from drivers.driver_errors import PortLost, PortMissing
 from drivers.servos import ax_mx, scs, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
@@ -19,8 +19,8 @@ from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualAdapter
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import FaultTargets
 from sim_backend.faults.text import matching, parse, text_of

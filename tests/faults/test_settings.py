@@ -6,7 +6,7 @@ from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
 from hal.lifecycle import LifecycleState
 from sim_backend.faults.draw import draw
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.settings import OWN_KINDS, WrongSetting
 from sim_backend.faults.targets import Inventory
 from sim_backend.faults.text import parse

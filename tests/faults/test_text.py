@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.script import read_script, script_text
 from sim_backend.faults.servos import Silent
 from sim_backend.faults.text import parse, text_of

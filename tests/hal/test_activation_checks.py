@@ -7,7 +7,7 @@ import pytest
 
 from drivers.servos import sts
 from drivers.servos.register import Register
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.servos.activation import AGREE_COUNTS
 from hal.servos.soft_torque import SOFT_SHARE

@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts
 from drivers.servos.register import Register
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import Code

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from drivers.bus.single_servo import SingleServo
-from drivers.errors import ServoRefused, ServoSilent
+from drivers.driver_errors import ServoRefused, ServoSilent
 from drivers.servos import sts
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.servos.activation import counted_turns
 from hal.servos.fault_log import FaultLog
 from hal.servos.servo_setup import forget_turns

@@ -4,9 +4,9 @@ from itertools import product
 
 import pytest
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from sim_backend.faults import Disturbance
 from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, Bench

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from drivers.errors import PortMissing
+from drivers.driver_errors import PortMissing
 from hal.components.component_lifecycle import activate_all, clean_up_all, configure_all, deactivate_all
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.types import JointCommand, JointState
 from sim_backend.clock import SimulatedClock

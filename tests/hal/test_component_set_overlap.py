@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.mock_hardware import MockHardware

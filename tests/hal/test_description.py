@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.description import Mimic, merged, parse_urdf
 
 URDF = Path(__file__).resolve().parents[2] / "urdf" / "robot_arm.urdf"

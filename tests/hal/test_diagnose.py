@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.errors import PortError, PortLost
+from drivers.driver_errors import PortError, PortLost
 from drivers.port.latency import latency_advice
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, xl320

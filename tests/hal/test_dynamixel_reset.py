@@ -5,7 +5,7 @@ import re
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.servos import x as x_series
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import x
 from drivers.types import ServoState
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits

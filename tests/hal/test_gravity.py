@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.compensation.gravity import GRAVITY_M_S2, Gravity
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
 from servoloop.stack.shipped_files import URDF

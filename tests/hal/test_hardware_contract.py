@@ -14,7 +14,7 @@ from drivers.servos import ax_mx as dynamixel1
 from drivers.servos import scs, sts
 from drivers.servos import x as x_series
 from drivers.servos.register import ServoModel
-from hal.errors import LifecycleError
+from hal.hal_errors import LifecycleError
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState

@@ -12,12 +12,12 @@ import pytest
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError, PortLost, PortMissing
+from drivers.driver_errors import DriverError, PortLost, PortMissing
 from drivers.servos import sts
 from drivers.types import Reading, ServoState
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hal.errors import ArmFileError
 from hal.file_size import LARGEST_SHAPE_BYTES
+from hal.hal_errors import ArmFileError
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.link_meshes import PLACES, TRIANGLE, Faces, link_meshes, read_stl, with_edges
 from hal.types import FloatArray

@@ -14,7 +14,7 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from drivers.servos import x
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import Register
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.mock_hardware import MockHardware
 from hal.outputs import Outputs
 from hal.robot_description.description import HardwareInfo, parse_urdf

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import DriverError, ServoRefused
+from drivers.driver_errors import DriverError, ServoRefused
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x
 from drivers.servos.register import Register, ServoModel
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_settings import check_reach

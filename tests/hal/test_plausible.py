@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from controller.parameters import ManagerParameters
-from hal.errors import DescriptionError, RobotFileError
+from hal.hal_errors import DescriptionError, RobotFileError
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
 from servoloop.stack.shipped_files import CONFIG, URDF

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drivers.errors import ServoSilent
+from drivers.driver_errors import ServoSilent
 from drivers.types import ServoFault
 from hal.joint import Joint
 from hal.servos.servo_hardware import READ_SHARE, ServoHardware

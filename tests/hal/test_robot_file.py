@@ -6,7 +6,7 @@ import pytest
 
 from drivers.servos.sts import STS3215
 from drivers.servos.x import XL430_W250
-from hal.errors import DescriptionError, RobotFileError
+from hal.hal_errors import DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, UrdfJoint
 from hal.robot_file.robot import Robot, assemble, require_positions
 from hal.robot_file.robot_file import BusFile, RobotFile, load_robot_file

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_description.hardware_info import HardwareInfo

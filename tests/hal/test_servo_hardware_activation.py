@@ -7,10 +7,10 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError, PortLost, PortMissing, ServoRefused
+from drivers.driver_errors import DriverError, PortLost, PortMissing, ServoRefused
 from drivers.servos import sts
-from hal.errors import ActivationError, LifecycleError
 from hal.gate import RETURN_SHARE
+from hal.hal_errors import ActivationError, LifecycleError
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
 from hal.servos.gravity_compensation import GravityCompensation

@@ -12,7 +12,7 @@ from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from drivers.servos.voltage import voltage_range
 from drivers.types import ServoGoal, ServoState
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.servo_models import load_servo_models
 from sim_backend.buses.dynamixel import VirtualDynamixelBus

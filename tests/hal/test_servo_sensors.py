@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from controller.broadcasters.joint_state_broadcaster import BroadcasterParameters, JointStateBroadcaster
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files

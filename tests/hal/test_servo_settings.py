@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from drivers.driver_errors import DriverError
 from drivers.eeprom import OPEN
-from drivers.errors import DriverError
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import Register
 from hal.compensation.servo_compliance import compliance_of
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
 from hal.servos.servo_settings import NOT_SETTINGS, settings_of
 from servoloop.stack.shipped_files import CONFIG

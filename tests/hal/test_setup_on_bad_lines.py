@@ -7,11 +7,11 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts
 from drivers.servos.register import Register
 from drivers.types import ServoState
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.description import Description, parse_urdf
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"/>

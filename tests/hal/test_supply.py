@@ -4,12 +4,12 @@ reported once."""
 import pytest
 
 from controller.diagnostics import Level, Status, statuses
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.servos import sts, x
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
 from drivers.servos.voltage import usual_range, voltage_fault, voltage_range
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware

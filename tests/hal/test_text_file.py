@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from commissioning.errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.lerobot import read_lerobot
-from controller.errors import ControllersFileError
 from controller.manager.parameter_file import read_parameter_file
-from hal.errors import DescriptionError, RobotFileError
+from controller.manager_errors import ControllersFileError
 from hal.file_size import LARGEST_BYTES
+from hal.hal_errors import DescriptionError, RobotFileError
 from hal.robot_description.description import parse_urdf
 from hal.robot_file.robot_file import load_robot_file
 from hal.text_file import read_text, read_xml

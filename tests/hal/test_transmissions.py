@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.joint import Joint
 from hal.robot_description.description import parse_urdf
 from servoloop.campaign.invariants.reference import read_reference

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("xacro")
 
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.xacro_file import expand_xacro
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hal.types import JointLimits
-from servoloop.command_socket.errors import CommandError
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.manual.joints_now import HandlingError
 from servoloop.manual.poses import Poses
 from servoloop.manual.robot import LiveRobot

@@ -9,7 +9,7 @@ from pathlib import Path
 from pytest import MonkeyPatch
 
 from servoloop.recording.feed import LiveFeed
-from servoloop.recording.robot_state import RobotState
+from servoloop.recording.robot_state import ReportedState
 from servoloop.recording.stream import MessageStream, make_live_folder, socket_path
 from tests.recorder.rig import Rig
 from tests.servoloop.served import eventually
@@ -50,7 +50,7 @@ class LiveViewer:
     """Program that receives the feed in a separate thread."""
 
     def __init__(self, stream: MessageStream) -> None:
-        self.state = RobotState()
+        self.state = ReportedState()
         self._stream = stream
         self._thread = threading.Thread(target=self._look, daemon=True)
         self._thread.start()
@@ -59,7 +59,7 @@ class LiveViewer:
         for received in self._stream:
             self.state.take(received)
 
-    def to_its_end(self) -> RobotState:
+    def to_its_end(self) -> ReportedState:
         """Return the robot state at the end of the stream."""
         self._thread.join(30.0)
         assert not self._thread.is_alive()

@@ -13,7 +13,7 @@ from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.settings import ManagerSettings
 from drivers.clock import MonotonicClock
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.dashboard.arm_model import DrawnArm
 from servoloop.dashboard.shapes import scene_shapes, shapes, thing_shapes
 from servoloop.moveit.surroundings import surroundings

@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import Final
 from unittest.mock import patch
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.stack.shipped_files import CONFIG, HOME
 from tests.launch.reading import MOVEIT, actions
 from tests.launch.recorders import modules

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from controller.manager.sections import Sections
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.namespace import frame_prefix, namespace_arguments, parse_namespace
 
 

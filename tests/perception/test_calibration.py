@@ -11,9 +11,9 @@ from perception.calibration.board import Board, BoardDetector, BoardView, board_
 from perception.calibration.lens import calibrate_lens
 from perception.calibration.plane import BoardPlace, calibrate_plane
 from perception.camera_view import CameraView, looking_at
-from perception.errors import CalibrationRefused
 from perception.frames import Picture
 from perception.intrinsics import Intrinsics
+from perception.perception_errors import CalibrationRefused
 
 BOARD = Board()
 DETECTOR = BoardDetector(BOARD)

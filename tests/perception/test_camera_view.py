@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from perception.camera_view import CameraView, looking_at, pose_text, read_pose
-from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics
+from perception.perception_errors import CameraFileError
 
 LENS = Intrinsics(
     np.array([[600.0, 0.0, 318.0], [0.0, 605.0, 243.0], [0.0, 0.0, 1.0]]),

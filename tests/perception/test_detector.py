@@ -12,8 +12,8 @@ from onnx import TensorProto, helper
 from perception.detector.classes import DetectorClasses, read_classes
 from perception.detector.decode import decoded, fitted
 from perception.detector.onnx_grader import OnnxGrader
-from perception.errors import DetectorError, GradesFileError
 from perception.grading.grader import Grader
+from perception.perception_errors import DetectorError, GradesFileError
 from tests.perception import painted
 
 CLASSES = DetectorClasses(("A", "C", ""), 0.5, 0.5)

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.errors import PictureRefused
 from perception.grading.grader import GradedApple, Grader
 from perception.grading.settings import GradingSettings
+from perception.perception_errors import PictureRefused
 from tests.perception import painted
 
 CENTER = np.array([0.25, 0.0, 0.03])

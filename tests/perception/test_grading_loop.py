@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from perception.errors import CameraBusy, CameraLost, CameraSilent, PictureRefused, SourceEnded
 from perception.frames import Frame, Picture
 from perception.grading.annotate import annotated
 from perception.grading.grader import GradedApple
 from perception.grading_loop import GradingLoop
+from perception.perception_errors import CameraBusy, CameraLost, CameraSilent, PictureRefused, SourceEnded
 
 APPLE = GradedApple("A", 70.0, 0.9, 0.0, np.array([0.2, 0.0, 0.03]), (300, 2, 60, 60))
 

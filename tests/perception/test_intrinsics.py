@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics, check_size, intrinsics_text, read_intrinsics
+from perception.perception_errors import CameraFileError
 
 FILE = """\
 image_width: 640

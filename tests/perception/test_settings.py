@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.errors import GradesFileError
 from perception.grading.settings import DEFAULT_RULES, GradingSettings, read_settings
+from perception.perception_errors import GradesFileError
 
 FILE = """\
 grades:

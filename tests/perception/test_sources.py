@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import MonotonicClock
-from perception.errors import (
+from perception.perception_errors import (
     CameraBusy,
     CameraDenied,
     CameraError,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planning.arm_model import ArmModel
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from tests.planning.arms import PLANAR, limits, planar, robot_arm
 
 

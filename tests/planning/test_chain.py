@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hal.robot_description.kinematics import child_pose, multiply, rotate
 from hal.rotations import matrices, rotation_vectors
 from hal.types import FloatArray, JointLimits
-from planning.errors import PlanningError
 from planning.kinematics.chain import Chain
+from planning.planning_errors import PlanningError
 from tests.planning.chains import SHARES, TOOLS, at_shares, chain, description, limits, model
 
 ARMS = st.sampled_from(sorted(TOOLS))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from planning.arm_model import ArmModel
 from planning.clearance import kernel
 from planning.collision import PADDING_M, Collisions, Margins, warm_up
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
 from planning.srdf_file import parse_pairs
 from tests.planning.arms import limits, planar, robot_arm, so101

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from planning.constraints import LinkRegion, PathConstraints
-from planning.errors import PlanningError
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.motion import JointGoal, MotionRequest, State
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, SceneObject
 from tests.planning.robots import robot_arm
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from planning.errors import PlanningError
 from planning.groups import EndEffector, Groups, derive_groups
+from planning.planning_errors import PlanningError
 from planning.srdf_file import SrdfError, parse_srdf, read_srdf
 from tests.planning.chains import ROOT, description
 

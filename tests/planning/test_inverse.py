@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from hal.rotations import matrices, quaternions
 from hal.types import FloatArray, JointLimits
-from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, ToolPose
 from planning.kinematics.goals import (
     ROTATION_M,
@@ -23,6 +22,7 @@ from planning.kinematics.goals import (
     UnreachableError,
 )
 from planning.kinematics.inverse import DISTINCT, InverseKinematics
+from planning.planning_errors import PlanningError
 from tests.planning.chains import SHARES, around, at_shares, chain, limits, model, random_positions
 
 ARMS = ("robot_arm", "so101")

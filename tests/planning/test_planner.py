@@ -7,11 +7,11 @@ import pytest
 
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
-from planning.errors import PlanningError
 from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest
 from planning.paths.smoothing import path_length
 from planning.paths.timing import TimedPath, timed
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
 from tests.planning.arms import planar, robot_arm, so101
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hal.rotations import quaternions
-from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.motion import JointGoal, LineRequest, MotionRequest, State, ToolGoal
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject
 from tests.planning.robots import robot_arm
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.errors import PlanningError
 from planning.mesh_file import read_mesh
 from planning.moveit_scene import parse_moveit_scene
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Cone, Cylinder, Mesh, Sphere
 from planning.scene_file import read_scene_file
 

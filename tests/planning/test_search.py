@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from planning.collision import Collisions, Margins
-from planning.errors import PlanningError
 from planning.paths.request import PathRequest
 from planning.paths.search import find_path, planner_stem
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject
 from tests.planning.arms import ROOT, planar
 

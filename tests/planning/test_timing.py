@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from hal.types import FloatArray, JointLimits
 from planning.collision import Collisions, Margins
-from planning.errors import PlanningError
 from planning.paths.blends import Corner
 from planning.paths.request import PathRequest
 from planning.paths.search import find_path
 from planning.paths.smoothing import path_length, shortened
 from planning.paths.thinning import thinned
 from planning.paths.timing import PERIOD_S, scaled, timed
+from planning.planning_errors import PlanningError
 from planning.scene import Pose, Scene, SceneObject, Sphere
 from tests.planning.arms import planar
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from servoloop.recording.bus_tap import BusTap
 from sim_backend.clock import SimulatedClock
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.clock import Clock
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.robot_description.description import HardwareInfo

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from typer.testing import CliRunner
 
 from drivers.clock import MonotonicClock
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.clients.client_node import client_node
 from servoloop.cli import app, main
 from servoloop.dashboard.browser import show

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop import Arm
 from servoloop.cli import app
 from tests.live.rig import runtime_folder

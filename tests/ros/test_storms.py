@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import storms
 from benchmarks.ros import stack
-from benchmarks.storm_watch import Watch
+from benchmarks.storm_watch import StormWatch
 from benchmarks.storms import STORMS, goals, run
 
 pytestmark = pytest.mark.slow
@@ -21,10 +21,10 @@ SECONDS = 3.0
 
 
 @pytest.fixture(scope="module")
-def watch() -> Iterator[Watch]:
+def watch() -> Iterator[StormWatch]:
     with pytest.MonkeyPatch.context() as patch, stack():
         patch.setattr(storms, "CLIENTS", 8)
-        watch = Watch()
+        watch = StormWatch()
         thread = threading.Thread(target=watch.run)
         thread.start()
         try:
@@ -36,7 +36,7 @@ def watch() -> Iterator[Watch]:
 
 
 @pytest.mark.parametrize("name", [name for name in STORMS if name != "nothing"])
-def test_arm_holds_and_cycles_continue_during_a_storm(watch: Watch, name: str) -> None:
+def test_arm_holds_and_cycles_continue_during_a_storm(watch: StormWatch, name: str) -> None:
     stamps_s, _, away_rad = run(name, SECONDS, watch)
     assert away_rad < 1e-3
     assert len(stamps_s) > 20

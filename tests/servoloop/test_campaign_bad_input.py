@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.campaign import shrink as minimizing
 from servoloop.campaign.campaign import read_scenario, schedule_of
 from servoloop.campaign.scenario import Scenario, ScenarioError

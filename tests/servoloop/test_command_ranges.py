@@ -18,7 +18,7 @@ from controller.manager.manager import ControllerManager
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.components.component_lifecycle import configure_all
-from hal.errors import DescriptionError
+from hal.hal_errors import DescriptionError
 from hal.robot_description.description import parse_urdf
 from hal.robot_description.limit_check import WHEEL_SPEED_RAD_S
 from servoloop.stack.hardware import HardwareKind, build

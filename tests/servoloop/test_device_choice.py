@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.stack import emulator_process
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator_process import chosen_devices

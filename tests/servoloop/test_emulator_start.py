@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.stack import emulator_process
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator_process import START_S, virtual_servos

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from controller.errors import ControllersFileError, PluginError
-from hal.errors import DescriptionError, HalError, RobotFileError
+from controller.manager_errors import ControllersFileError, PluginError
+from hal.hal_errors import DescriptionError, HalError, RobotFileError
 from hal.hardware import Hardware
 from hal.mock_hardware import MockHardware
 from hal.servos.servo_hardware import ServoHardware
@@ -121,7 +121,7 @@ def test_an_unknown_plugin_is_refused(tmp_path: Path) -> None:
 
 
 ACME = """
-from hal.errors import HalError
+from hal.hal_errors import HalError
 from hal.mock_hardware import MockHardware
 
 def make(component, clock):

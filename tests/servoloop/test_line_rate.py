@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from controller.errors import ControllersFileError
+from controller.manager_errors import ControllersFileError
 from servoloop.stack.emulator import couplings, virtual_lines
 from servoloop.stack.hardware import servo_bus
 from servoloop.stack.line_rate import check_rates

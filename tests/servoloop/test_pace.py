@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.simulation.pace import LONGEST_CATCH_UP_S, POLL_S, Pace, PausedError, parse_factor
 
 PERIOD_S = 0.05

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.stack.devices import device_paths, parse_ports, port_options, world_feed
 from sim_backend.scene.world_feed import WorldFeed, feed_path
 

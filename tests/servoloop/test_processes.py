@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.stack.processes import Interrupted, Processes, end
 
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(99)"

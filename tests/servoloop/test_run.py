@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareSetup

@@ -15,7 +15,7 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from drivers.port.serial_port import SerialPort
 from servoloop.commands.set_up import _run
 from servoloop.stack.arm_folders import find_arm, read_arm_files

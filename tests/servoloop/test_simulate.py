@@ -20,7 +20,7 @@ from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.robot_files import read_files
 from servoloop.stack.shipped_files import HOME
 from sim_backend.buses.build import Build
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 from tests.pages import commands

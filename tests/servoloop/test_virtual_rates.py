@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import RobotFileError
+from hal.hal_errors import RobotFileError
 from servoloop.stack.emulator import couplings, virtual_bus
 from servoloop.stack.hardware import servo_bus
 from servoloop.stack.robot_files import read_files

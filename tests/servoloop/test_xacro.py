@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import DriverError
-from hal.errors import DescriptionError
+from drivers.driver_errors import DriverError
+from hal.hal_errors import DescriptionError
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.arm_options import ControlledArm, xacro_arguments
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.simulation.job import run_job
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files

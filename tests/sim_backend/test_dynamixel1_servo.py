@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos.register import Register

@@ -14,7 +14,7 @@ import yaml
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import MonotonicClock
-from drivers.errors import ServoSilent
+from drivers.driver_errors import ServoSilent
 from drivers.port.serial_port import SerialPort
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import PortBusy
+from drivers.driver_errors import PortBusy
 from sim_backend.scene.world_feed import PERIOD_S, WorldFeed, WorldFeedClient, feed_path
 
 

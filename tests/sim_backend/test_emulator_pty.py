@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from drivers.clock import MonotonicClock
-from drivers.errors import PortBusy, PortError
+from drivers.driver_errors import PortBusy, PortError
 from drivers.servos import sts
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.pty_link import PtyLink

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from drivers.port import Port
 from drivers.servos import sts
 from sim_backend.buses.feetech import VirtualBus

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hal.errors import ArmFileError
 from hal.file_size import LARGEST_BYTES, LARGEST_SHAPE_BYTES
+from hal.hal_errors import ArmFileError
 from servoloop.dashboard.shapes import GRAY, scene_shapes, shapes, thing_shapes
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.scene.scene_check import require_scene

@@ -7,7 +7,7 @@ import pytest
 
 from controller.action_goals import GoalStatus
 from controller.shutdown import shut_down
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
 from servoloop.simulation.stack import SimulatedStack

@@ -10,7 +10,7 @@ from controller.component_transitions import ComponentTransition
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.register import Register
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.faults.text import parse
 from tests.faults.rig import FaultRig

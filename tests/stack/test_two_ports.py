@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.shutdown import shut_down
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 from drivers.servos import sts
 from drivers.servos import x as x_series
 from servoloop.simulation.stack import SimulatedStack

@@ -14,12 +14,12 @@ from controller.parameters import Parameters
 from controller.shutdown import shut_down
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from drivers.bus.bus import Bus
-from drivers.errors import DriverError, PortLost
+from drivers.driver_errors import DriverError, PortLost
 from drivers.protocol import v1
 from drivers.servos import sts
 from drivers.servos.register import Register
 from drivers.types import ServoGoal
-from hal.errors import ActivationError, HalError
+from hal.hal_errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.wire_monitor import WireMonitor

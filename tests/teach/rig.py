@@ -11,7 +11,7 @@ from drivers.servos.register import Register
 from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState
 from servoloop.api.arm import Arm
-from servoloop.api.errors import ArmEndedError
+from servoloop.api.arm_errors import ArmEndedError
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.api.own_loop import describe
 from servoloop.api.pace import SimulatedPace

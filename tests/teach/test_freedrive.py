@@ -15,7 +15,7 @@ from hal.joint import Joint
 from hal.mock_hardware import MockHardware
 from hal.servos.soft_torque import SOFT_SHARE
 from hal.types import JointFault, JointLimits, JointState
-from servoloop.api.errors import ArmBusyError, ArmError
+from servoloop.api.arm_errors import ArmBusyError, ArmError
 from servoloop.api.freedrive import FREEDRIVE, Freedrive
 from tests.teach.rig import FREE, SO101, Rig
 

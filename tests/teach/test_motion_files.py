@@ -9,7 +9,7 @@ import yaml
 from typer.testing import CliRunner
 
 from controller.teach.hand_path import HandPath
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.cli import app
 from servoloop.stack.shipped_files import ARMS
 from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError, beyond, check_duration

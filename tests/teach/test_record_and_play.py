@@ -9,7 +9,7 @@ import pytest
 from controller.shutdown import shut_down
 from drivers.servos import sts
 from hal.types import FloatArray
-from servoloop.api.errors import ArmEndedError, ArmError
+from servoloop.api.arm_errors import ArmEndedError, ArmError
 from servoloop.teach.motion_files import TeachError
 from servoloop.teach.play import APPROACH, PlayPhase
 from servoloop.teach.record import HANDS_S, RecordPhase

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.cli import app
 from servoloop.commands import record as verb
 from servoloop.manual.dead_man import HandsFree

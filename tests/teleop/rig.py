@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.component_transitions import run_at_once
 from drivers.clock import Clock
-from drivers.errors import PortMissing
+from drivers.driver_errors import PortMissing
 from drivers.port import Port
 from hal.components.component_lifecycle import configure_all
 from hal.types import FloatArray, JointState

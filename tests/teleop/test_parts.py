@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from controller.teleop.ramp_in import SHARE, RampIn
 from drivers.clock import MonotonicClock
-from hal.errors import ActivationError
+from hal.hal_errors import ActivationError
 from hal.servos.leader_arm import LeaderArm
 from servoloop.manual import dead_man
 from servoloop.manual.dead_man import DeadMansKey, HandsFree

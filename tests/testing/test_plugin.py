@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from controller.errors import SwitchError
 from controller.interface import ControllerContext
+from controller.manager_errors import SwitchError
 from controller.parameters import Parameters
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants import Invariant
 from servoloop.testing.arm import ArmTestError, VirtualArm
-from sim_backend.faults.errors import FaultError
+from sim_backend.faults.fault_error import FaultError
 
 
 class Never(Invariant):

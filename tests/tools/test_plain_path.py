@@ -46,7 +46,7 @@ def test_the_error_names_the_remedy_if_no_folder_has_an_ascii_path(
     folder.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(folder))
     remedy = "set TMPDIR to a folder such as /tmp"
-    with pytest.raises(plain_path.SetUpError, match=remedy), plain_path.plain_root(folder):
+    with pytest.raises(plain_path.ToolError, match=remedy), plain_path.plain_root(folder):
         pass
 
 

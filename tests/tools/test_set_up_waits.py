@@ -31,7 +31,7 @@ def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Module
 
 
 def test_a_command_that_hangs_is_killed_and_named(commands: ModuleType) -> None:
-    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*The command hangs: check"):
+    with pytest.raises(commands.ToolError, match=r"(?s)sleep 99 … failed with status -9.*The command hangs: check"):
         commands.Commands(limit_s=0.2).run("log", "sleep", "99")
 
 
@@ -52,7 +52,7 @@ def test_a_command_that_ignores_sigterm_is_killed_with_its_children(
     def run() -> None:
         try:
             running.run("log", "sh", "-c", STUBBORN, on_line=lambda line: up.set())
-        except commands.SetUpError as error:
+        except commands.ToolError as error:
             failures.append(str(error))
 
     thread = threading.Thread(target=run, daemon=True)
@@ -62,7 +62,7 @@ def test_a_command_that_ignores_sigterm_is_killed_with_its_children(
     thread.join(20.0)
     assert len(failures) == 1 and "failed with status -9" in failures[0]
     assert "    never" not in failures[0]
-    with pytest.raises(commands.SetUpError, match="stopped"):
+    with pytest.raises(commands.ToolError, match="stopped"):
         running.run("log", "true")
 
 
@@ -80,7 +80,7 @@ def test_the_wait_for_another_set_up_is_limited(other: Path) -> None:
         [sys.executable, "-B", "-c", program, str(other)], cwd=TOOLS, capture_output=True, text=True, timeout=60
     )
     assert done.stdout == "Another make setup is running in this checkout; waiting until it finishes.\n"
-    assert done.stderr.endswith("SetUpError: the other make setup did not finish within 0 minutes: stop it first.\n")
+    assert done.stderr.endswith("ToolError: the other make setup did not finish within 0 minutes: stop it first.\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 pytest.importorskip("rclpy")
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from nodes.clients.sorting_monitor import SeenApple, SortingJob
 from servoloop.cli import app
 from servoloop.demo.cell_options import CellOptions

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perception.errors import CameraLost, CameraMissing, CameraSilent
 from perception.frames import CameraSource
 from perception.grading.grader import Grader
+from perception.perception_errors import CameraLost, CameraMissing, CameraSilent
 from servoloop.stack.arm_folders import find_arm
 from servoloop.virtual_camera import VirtualCamera
 from sim_backend.scene.world import World

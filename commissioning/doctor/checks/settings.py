@@ -6,7 +6,7 @@ from typing import Final
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ArmSnapshot, ServoSnapshot, counts_turns, on, write
-from drivers.errors import ServoRefused
+from drivers.driver_errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.register import Register

@@ -30,7 +30,7 @@ POLL_S: Final = 0.05
 EXECUTE_ACTION: Final = "execute_trajectory"
 
 
-class MoveGroupClient:
+class PlanningClient:
     """Client of a move_group node in a separate context, so that it is independent of the program's ``rclpy.init``."""
 
     def __init__(self, node_name: str) -> None:

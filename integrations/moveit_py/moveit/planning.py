@@ -13,7 +13,7 @@ from moveit.core.planning_interface import MotionPlanResponse
 from moveit.core.robot_model import RobotModel
 from moveit.core.robot_state import RobotState
 from moveit.core.robot_trajectory import RobotTrajectory
-from moveit.move_group import MoveGroupClient
+from moveit.move_group import PlanningClient
 
 PLANNING_TIME_S: Final = 5.0
 
@@ -40,7 +40,7 @@ class MoveItPy:
             RuntimeError: No move_group is running.
         """
         self.config = dict(config_dict or {})
-        self._client = MoveGroupClient(node_name)
+        self._client = PlanningClient(node_name)
         try:
             self._model = RobotModel(*self._client.descriptions(), self._client)
         except BaseException:
@@ -48,7 +48,7 @@ class MoveItPy:
             raise
 
     @property
-    def client(self) -> MoveGroupClient:
+    def client(self) -> PlanningClient:
         """Client of move_group."""
         return self._client
 

@@ -7,7 +7,7 @@ import typer
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient, get_action_names_and_types
 
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 from servoloop_ros2.session import SERVER_S, print_names, session
 from servoloop_ros2.values import as_yaml, fill, find_type, read_values
 

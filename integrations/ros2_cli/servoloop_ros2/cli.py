@@ -5,10 +5,10 @@ import sys
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.ros_environment import RosError
 from servoloop_ros2 import action, control, node, param, service, topic
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 
 app = typer.Typer(
     no_args_is_help=True,

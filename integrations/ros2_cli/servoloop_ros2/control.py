@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Duration
 from controller_manager_msgs import srv
 from lifecycle_msgs.msg import State
 
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 from servoloop_ros2.session import RosSession, session
 
 app = typer.Typer(no_args_is_help=True, help="List and switch controllers and hardware components.")

@@ -7,7 +7,7 @@ import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 from servoloop_ros2.session import session
 
 app = typer.Typer(no_args_is_help=True, help="List, read and set the parameters of a node.")

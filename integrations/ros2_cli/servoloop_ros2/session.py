@@ -11,7 +11,7 @@ from rclpy.task import Future
 
 from nodes.clients.client_node import client_node
 from nodes.ros_process import spin_until_done
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 
 DISCOVERY_S: Final = 1.2
 """Time to discover other programs before a list is printed, in seconds."""

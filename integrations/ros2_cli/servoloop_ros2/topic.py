@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 import typer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 from servoloop_ros2.session import SERVER_S, RosSession, print_names, session
 from servoloop_ros2.values import as_yaml, fill, find_type, read_values
 

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from builtin_interfaces.msg import Time
 
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 
 NOW: Final = ("now", "auto")
 """Values of a time or a header that mean the time at which the message is sent."""

@@ -6,7 +6,7 @@ from itertools import combinations
 
 from moveit_msgs.msg import AllowedCollisionEntry, AllowedCollisionMatrix
 
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from planning.arm_model import Pair, pair
 
 

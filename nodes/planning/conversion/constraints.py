@@ -13,11 +13,11 @@ from shape_msgs.msg import SolidPrimitive
 
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.poses import pose_of, quaternion_of, tool_pose, vector_of
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from planning.constraints import LinkRegion, PathConstraints
-from planning.errors import PlanningError
 from planning.kinematics.goals import Angles, PoseGoal, PositionBox, PositionSphere, checked_pose
 from planning.motion import Goal, JointGoal, ToolGoal
+from planning.planning_errors import PlanningError
 from planning.robot import PlanningRobot
 from planning.scene import Pose
 

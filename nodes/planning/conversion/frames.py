@@ -8,9 +8,9 @@ from moveit_msgs.msg import CollisionObject
 
 from hal.robot_description.kinematics import child_pose
 from nodes.planning.conversion.poses import pose_of
-from nodes.planning.errors import RequestError
-from planning.errors import PlanningError
+from nodes.planning.request_errors import RequestError
 from planning.motion import State
+from planning.planning_errors import PlanningError
 from planning.robot import PlanningRobot
 from planning.scene import Pose, Scene
 

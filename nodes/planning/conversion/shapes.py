@@ -12,7 +12,7 @@ from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import Plane, SolidPrimitive
 
 from nodes.planning.conversion.poses import is_identity, pose_message, pose_of
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Shape, Sphere
 
 PLANE_M: Final = 20.0

@@ -10,7 +10,7 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hal.types import FloatArray
-from nodes.planning.errors import RequestError
+from nodes.planning.request_errors import RequestError
 from planning.motion import Motion
 from planning.paths.timing import TimedPath
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from hal.types import JointLimits
+from servoloop.api.arm_errors import ArmInputError, PlanFailedError
 from servoloop.api.backend import ArmState
-from servoloop.api.errors import ArmInputError, PlanFailedError
 from servoloop.api.planning.arm_scene import ArmScene, plan_errors
 from servoloop.api.planning.motion_planner import MotionPlanner
 from servoloop.api.planning.pose import ArmPose

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from planning.errors import PlanningError
 from planning.mesh_file import read_mesh
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
 from planning.scene_file import read_scene_file
-from servoloop.api.errors import PlanFailedError
+from servoloop.api.arm_errors import PlanFailedError
 from servoloop.api.planning.motion_planner import MotionPlanner
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

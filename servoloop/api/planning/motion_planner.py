@@ -16,7 +16,7 @@ from planning.motion import JointGoal, MotionRequest, Scaling, ToolGoal
 from planning.paths.timing import TimedPath
 from planning.robot import PlanningRobot
 from planning.scene import Scene
-from servoloop.api.errors import ArmInputError
+from servoloop.api.arm_errors import ArmInputError
 from servoloop.api.options import ArmOptions, setup_errors
 from servoloop.api.planning.pose import ArmPose
 from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory

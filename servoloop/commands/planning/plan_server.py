@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
@@ -31,7 +31,7 @@ def plan_server(
     set_network(network)
     from nodes.planning.process import ServerSettings, run
     from planning.collision import warm_up
-    from planning.errors import PlanningError
+    from planning.planning_errors import PlanningError
     from servoloop.motion_planning.robot import planning_robot
     from servoloop.motion_planning.routes import routes
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from nodes.ros_environment import require_ros
 from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.extras import require_extras

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from drivers.printable import printable_line
 from servoloop.commands.planning.planner import PoseOptions, Triple, move_group, pose_of
 from servoloop.commands.shared.option_groups import grouped_options

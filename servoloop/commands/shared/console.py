@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
 from servoloop.stack.terminal import raw_keys

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
+from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import end_signals
 
@@ -100,7 +100,7 @@ def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -
 
 def bus_of(robot: "RobotFile", name: str | None) -> str:
     """Return the name of the selected bus in a robot file, or of its only bus. Raises CommissioningError."""
-    from commissioning.errors import CommissioningError
+    from commissioning.commissioning_errors import CommissioningError
 
     names = list(robot.lines())
     if name is None and len(names) == 1:
@@ -119,7 +119,7 @@ def served_devices(ports: list[str] | None, files: "ServoFiles") -> Iterator[dic
     If none is selected, the only connected adapter is used. With ``virtual``, a child process serves virtual servos
     until the block ends. Raises DriverError.
     """
-    from commissioning.errors import CommissioningError
+    from commissioning.commissioning_errors import CommissioningError
     from commissioning.ports.adapters import only_port
     from servoloop.stack.devices import VIRTUAL, parse_ports
     from servoloop.stack.emulator_process import virtual_servos
@@ -145,7 +145,7 @@ def named_devices(ports: list[str], buses: Iterable[str], arm: str) -> dict[str,
     Virtual servos in a child process cannot be moved by hand, so ``virtual`` is rejected. ``arm`` is the arm's name as
     given on the command line. Raises DriverError.
     """
-    from drivers.errors import DriverError
+    from drivers.driver_errors import DriverError
     from servoloop.stack.devices import parse_ports
 
     devices = parse_ports(ports, buses)

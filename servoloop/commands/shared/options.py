@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from commissioning.calibrate.plan import JointPlan
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
 from servoloop.commands.shared.line_options import named_devices

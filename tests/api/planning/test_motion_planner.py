@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
+from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, SceneObject
 from servoloop import Arm, ArmInputError, MotionPlanner
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from servoloop import Arm, ArmInputError, MotionPlanner
 
 READY = {"shoulder_pan": 0.0, "shoulder_lift": -0.603, "elbow_flex": 0.396, "wrist_flex": 1.498, "wrist_roll": 0.048}

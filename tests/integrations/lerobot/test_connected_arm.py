@@ -13,7 +13,7 @@ from lerobot_servoloop import connection
 from lerobot_servoloop.arm import ArmChoice, ConnectedArm
 from lerobot_servoloop.connection import StackError
 from lerobot_servoloop.units import JointScale, joint_scales
-from servoloop.command_socket.errors import KINDS
+from servoloop.command_socket.command_errors import KINDS
 from tests.command_socket.rig import SocketRig, served
 from tests.live.rig import runtime_folder
 from tests.servoloop.served import eventually

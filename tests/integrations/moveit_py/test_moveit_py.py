@@ -18,7 +18,7 @@ from moveit_msgs.msg import RobotState as RobotStateMsg
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 from tests.pages import ROOT
 
 READY = [0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from moveit_msgs.msg import CollisionObject
 from std_msgs.msg import Float64MultiArray, String
 
-from servoloop_ros2.errors import Ros2Error
+from servoloop_ros2.ros2_error import Ros2Error
 from servoloop_ros2.values import as_yaml, fill, find_type, read_values
 
 NOW = Time(sec=5, nanosec=7)

@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.poses import pose_message
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS
+from nodes.planning.request_errors import REFUSALS
 from nodes.planning.requests import Requests, Snapshot
 from nodes.planning.world import PlanningWorld, first_world
 from planning.motion import State

@@ -29,7 +29,7 @@ from nodes.planning.conversion.poses import pose_message
 from nodes.planning.conversion.semantic import srdf_text
 from nodes.planning.conversion.trajectories import checked_points, duration, part, timed_path
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS, error_code
+from nodes.planning.request_errors import REFUSALS, error_code
 from nodes.planning.requests import Requests, Snapshot
 from nodes.planning.states import state_message, state_of, world_of
 from nodes.planning.world import first_world

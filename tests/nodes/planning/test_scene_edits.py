@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS, error_code
+from nodes.planning.request_errors import REFUSALS, error_code
 from nodes.planning.world import PlanningWorld, first_world
 from planning.arm_model import pair
 from planning.scene import Box

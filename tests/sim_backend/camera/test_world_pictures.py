@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hal.errors import ArmFileError
+from hal.hal_errors import ArmFileError
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.sensor import Sensor

@@ -1,6 +1,6 @@
 """Errors in lists of faults."""
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 
 class FaultError(DriverError):

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 
 class CommissioningError(DriverError):

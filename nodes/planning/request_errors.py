@@ -7,7 +7,7 @@ from typing import Any, Final
 from moveit_msgs.msg import MoveItErrorCodes
 
 from drivers.printable import printable_line
-from planning.errors import PlanningError
+from planning.planning_errors import PlanningError
 
 SOURCE: Final = "servoloop"
 """Name of this server, sent as the source of its error codes."""

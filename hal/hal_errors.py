@@ -10,7 +10,7 @@ HalError
 PartLost is a subclass of the driver layer's PortLost: one of several buses is lost.
 """
 
-from drivers.errors import PortLost
+from drivers.driver_errors import PortLost
 
 
 class HalError(Exception):

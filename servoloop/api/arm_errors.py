@@ -12,7 +12,7 @@ ArmError
 └── ArmEndedError      the control loop has ended
 """
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 
 class ArmError(DriverError):

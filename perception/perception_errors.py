@@ -15,7 +15,7 @@ PerceptionError
 └── DetectorError        the file of the detector cannot be used
 """
 
-from hal.errors import HalError
+from hal.hal_errors import HalError
 
 
 class PerceptionError(HalError):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final, Literal
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 ErrorKind = Literal[
     "malformed",

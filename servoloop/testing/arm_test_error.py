@@ -1,6 +1,6 @@
 """Error of a test on a virtual arm."""
 
-from drivers.errors import DriverError
+from drivers.driver_errors import DriverError
 
 
 class ArmTestError(DriverError):
