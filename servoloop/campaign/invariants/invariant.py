@@ -88,9 +88,12 @@ class Invariant:
     @property
     def active(self) -> bool:
         """Whether the hardware is active and none of its components is changing its state."""
-        components = self.stack.loop.hardware.components
-        active = any(one.hardware.state is LifecycleState.ACTIVE for one in components)
-        return active and not any(one.switching for one in components)
+        active = False
+        for component in self.stack.loop.hardware.components:
+            if component.switching:
+                return False
+            active = active or component.hardware.state is LifecycleState.ACTIVE
+        return active
 
     @property
     def upset(self) -> bool:
@@ -166,7 +169,11 @@ class Invariant:
         """Whether two servos have the same ID, because of a collision or lost EEPROM contents."""
         if any(one.kind == "collision" for one in self.stack.player.active.values()):
             return True
-        return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
+        for line in self.stack.lines.values():
+            servos = line.servos
+            if len({one.servo_id for one in servos}) < len(servos):
+                return True
+        return False
 
     def torque(self, joint: Joint) -> bool:
         """Return whether the torque of the joint's virtual servo is enabled. The stack may report a different state."""
@@ -191,6 +198,14 @@ class Invariant:
 
     def on_step(self, time_s: float) -> None:
         """Called after each physics step of one millisecond."""
+
+    def on_motion(self, positions: FloatArray) -> None:
+        """Called at the end of each cycle, before ``on_state``.
+
+        Args:
+            positions: Positions (m, n) of the joints of the simulated world after each physics step since the previous
+                cycle.
+        """
 
     def on_state(self, state: JointState) -> None:
         """Called at the end of each cycle with the measured state."""

@@ -43,25 +43,22 @@ class NoFasterThanAllowed(Invariant):
         """Remaining time for which the speed is not checked, in ms."""
         self._happened = 0
         """Number of faults that have started or ended so far."""
-        self._steps: list[FloatArray] = []
-        """Positions (n,) after each step since the last cycle, and after the ``OVER_STEPS`` steps before it."""
-        self._checked = 0
-        """Number of these positions that belong to earlier cycles."""
+        self._steps: FloatArray = np.empty((0, len(stack.world.joints)))
+        """Positions (m, n) after each step since the last cycle, and after the ``OVER_STEPS`` steps before it."""
 
-    def on_step(self, time_s: float) -> None:
-        self._steps.append(self.stack.world.position())
+    def on_motion(self, positions: FloatArray) -> None:
+        self._excused_steps -= len(positions)
+        self._steps = np.concatenate((self._steps, positions))
 
     def on_state(self, state: JointState) -> None:
-        self._excused_steps -= len(self._steps) - self._checked
         if self._is_moved_by_fault():
             self._excused_steps = AFTER_STEPS
         if not self.active:  # The joints are not driven, so they may fall or be moved by hand.
-            self._steps.clear()
+            self._steps = self._steps[:0]
         if len(self._steps) > OVER_STEPS and self._excused_steps <= 0:
             self.examined += 1
             self._check()
-        del self._steps[:-OVER_STEPS]
-        self._checked = len(self._steps)
+        self._steps = self._steps[-OVER_STEPS:]
 
     def _is_moved_by_fault(self) -> bool:
         """Return whether one of the faults in ``NOT_ITS_OWN`` has been active since the last cycle."""
@@ -72,8 +69,7 @@ class NoFasterThanAllowed(Invariant):
 
     def _check(self) -> None:
         """Check the distances to the positions ``OVER_STEPS`` before, for all steps of a cycle at once."""
-        steps = np.array(self._steps)
-        moved = np.abs(steps[OVER_STEPS:] - steps[:-OVER_STEPS]).max(axis=0)
+        moved = np.abs(self._steps[OVER_STEPS:] - self._steps[:-OVER_STEPS]).max(axis=0)
         for index in np.flatnonzero(moved > self._furthest):
             joint = self._by_name[self.stack.world.joints[index]]
             if self.torque(joint):

@@ -4,7 +4,7 @@ The files are read as plain YAML and XML. The files are not validated, because t
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -75,17 +75,34 @@ def read_reference(
     Returns:
         The joints, keyed by joint name.
     """
-    limits, gears = _limits(files.description.xml), _gears(files.description.xml)
+    contents = tuple(
+        (path.read_bytes(), calibration.read_bytes() if calibration.exists() else b"joints: {}")
+        for path in dict.fromkeys(files.robot_paths.values())
+        for calibration in (path.with_name(f"{path.stem}.calibration.yaml"),)
+    )
+    return _joints(files.description.xml, contents, tuple(narrowed.items()))
+
+
+@lru_cache(maxsize=16)
+def _joints(
+    urdf: str, contents: Sequence[tuple[bytes, bytes]], narrowed: Sequence[tuple[str, tuple[float, float]]]
+) -> dict[str, ReferenceJoint]:
+    """Read the joints. Several invariants read the same files in each run of a campaign.
+
+    Args:
+        urdf: Text of the URDF.
+        contents: Contents of each robot file and its calibration file.
+        narrowed: Joint names with the limits that replace the limits in the URDF.
+    """
+    limits, gears, replaced = _limits(urdf), _gears(urdf), dict(narrowed)
     joints: dict[str, ReferenceJoint] = {}
-    for path in dict.fromkeys(files.robot_paths.values()):
-        robot = _parsed(path.read_bytes())
-        calibration = path.with_name(f"{path.stem}.calibration.yaml")
-        calibrated = _parsed(calibration.read_bytes())["joints"] if calibration.exists() else {}
+    for robot_file, calibration_file in contents:
+        robot, calibrated = _parsed(robot_file), _parsed(calibration_file)["joints"]
         first_bus = next(iter(robot.get("buses") or {"": None}))
         for name, entry in robot["joints"].items():
             if name in limits:
                 mounted = {"bus": first_bus, **entry, **calibrated.get(name, {}), **gears.get(name, {})}
-                joints[name] = _joint(name, mounted, (*narrowed.get(name, limits[name][:2]), limits[name][2]))
+                joints[name] = _joint(name, mounted, (*replaced.get(name, limits[name][:2]), limits[name][2]))
     return joints
 
 
@@ -146,6 +163,5 @@ def _limits(urdf: str) -> dict[str, tuple[float, float, float]]:
 
 @lru_cache(maxsize=16)
 def _parsed(content: bytes) -> Mapping[str, Any]:
-    """Parse a file. Several invariants read the same files in each run of a campaign."""
     mapping: Mapping[str, Any] = yaml.safe_load(content)
     return mapping

@@ -129,7 +129,11 @@ class MeasuredNow(Invariant):
         self._shared_before = True
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
         servos = [self.servos[joint.name] for joint in self.joints]
-        self._sample: Callable[[], NDArray[Any]] = lambda: np.array([_own_count(servo) for servo in servos])
+        self._sample: Callable[[], Any] = lambda: [_own_count(servo) for servo in servos]
+        if all(not isinstance(servo, VirtualServo) for servo in servos):
+            # A Dynamixel servo updates its register only when it is read.
+            firmwares = [servo.firmware for servo in servos]
+            self._sample = lambda: [firmware.position for firmware in firmwares]
         if len(stack.lines) == 1 and (tables := stack.bus.rig.tables) is not None:
             # Copy the registers of all servos at once, as bytes, because this function is called every millisecond.
             servos = list(stack.bus.servos)
@@ -169,9 +173,7 @@ def _decoded(samples: NDArray[Any]) -> FloatArray:
 
 def _own_count(servo: Any) -> float:
     """Return the position that the servo would report now, in counts."""
-    if isinstance(servo, VirtualServo):
-        return servo.memory.get(sts.present_position)
-    return float(servo.firmware.position)  # A Dynamixel servo updates its register only when it is read.
+    return float(servo.memory.get(sts.present_position) if isinstance(servo, VirtualServo) else servo.firmware.position)
 
 
 class LimpIsFound(Invariant):

@@ -69,24 +69,23 @@ class ReportedTruly(Invariant):
         self._slack = [
             READING_COUNTS * abs(joint.units_per_count) + READING_AGE_S * joint.velocity for joint in self._reference
         ]
-        self._steps: list[FloatArray] = []
+        self._steps: FloatArray = np.empty((0, len(self._names)))
+        """Positions (m, n) after each step since the last cycle, and after the step before it."""
         self._by_name = {joint.name: joint for joint in self.joints}
         self._reported_s = dict.fromkeys(self._names, -math.inf)
         """Time at which each joint was last reported with a fault."""
         self._before: list[float] = []
         """Positions reported in the previous cycle."""
 
-    def on_step(self, time_s: float) -> None:
-        self._steps.append(self.stack.world.position())
+    def on_motion(self, positions: FloatArray) -> None:
+        self._steps = np.concatenate((self._steps[-1:], positions[:, self._world]))
 
     def on_state(self, state: JointState) -> None:
-        steps, self._steps = self._steps, self._steps[-1:]
         reported = state.position[self._reported].tolist()
         before, self._before = self._before, reported
-        if not steps or self.shared_id:
+        if not len(self._steps) or self.shared_id:
             return
-        true = np.array(steps)[:, self._world]
-        lowest, highest = true.min(axis=0).tolist(), true.max(axis=0).tolist()
+        lowest, highest = self._steps.min(axis=0).tolist(), self._steps.max(axis=0).tolist()
         if state.faults and before:
             self._keeps_unread(state, before, reported)
         for place, name in enumerate(self._names):
@@ -206,8 +205,9 @@ class GoalsMeanCommands(Invariant):
 
     def _examine_rate(self, state: JointState) -> None:
         """Check that every driven joint received a goal in the latest cycles."""
+        active = self.active
         for joint in self.joints:
-            driven = self.active and joint.name not in state.faults and self.torque(joint)
+            driven = active and joint.name not in state.faults and self.torque(joint)
             self._without_goal[joint.name] = self._without_goal[joint.name] + 1 if driven else 0
             if self._without_goal[joint.name] > CYCLES_WITHOUT_GOAL:
                 self.say(f"{joint.name} has received no goal for {self._without_goal[joint.name]} cycles")

@@ -5,7 +5,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from hal.types import JointState
+import numpy as np
+
+from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
@@ -90,15 +92,21 @@ class Watch:
         ]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
-        on_step, on_write, on_state = (self._guarded(hook) for hook in ("on_step", "on_write", "on_state"))
+        on_step, on_write = self._guarded("on_step"), self._guarded("on_write")
+        on_motion, on_state = self._guarded("on_motion"), self._guarded("on_state")
+        positions: list[FloatArray] = []
+        position = stack.world.position
 
         def stepped(time_s: float) -> None:
             former_step(time_s)
+            positions.append(position())
             on_step(time_s)
 
         def measured(state: JointState) -> None:
             former_state(state)
             self.visits.update(state)
+            on_motion(np.array(positions).reshape(-1, len(stack.world.joints)))
+            positions.clear()
             on_state(state)
 
         stack.components.on_command = self._guarded("on_command")

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import inf, pi
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from drivers.servos import sts
 from drivers.servos.catalog import registers_of, series_of
@@ -100,12 +100,13 @@ class WireMonitor:
         series = series_of(joint.model)
         order = series.protocol.byte_order
         position = round(servo.firmware.position)
-        goal = _value(series.goal_position, order, servo.memory, address, content)
-        torque = _value(series.torque_enable, order, servo.memory, address, content)
+        places = _addresses(servo.memory, address, len(content))
+        goal = _value(series.goal_position, order, places, content)
+        torque = _value(series.torque_enable, order, places, content)
         limp = servo.memory.get(series.torque_enable) == 0
         if goal is not None:
             self._goal(joint, goal, position, limp)
-            speed = _value(sts.goal_velocity, order, servo.memory, address, content) if series is STS else None
+            speed = _value(sts.goal_velocity, order, places, content) if series is STS else None
             if speed is not None and not limp and not self._activating():
                 self._speed(joint, speed)
         if torque is not None:
@@ -195,20 +196,31 @@ class GoalReader:
                 series = self._series.get(servo_id)
                 if series is None:
                     continue
-                memory, order = self._memories[servo_id], series.protocol.byte_order
-                value = _value(series.goal_position, order, memory, address, content)
+                places = _addresses(self._memories[servo_id], address, len(content))
+                value = _value(series.goal_position, series.protocol.byte_order, places, content)
                 if value is not None:
                     goals[servo_id] = value
         return goals
 
 
-def _value(register: Register, order: ByteOrder, memory: Any, address: int, content: bytes) -> int | None:
-    """Return the value that a write stores in a register, or None if it does not write the whole register."""
-    written = dict(zip(_addresses(memory, address, len(content)), content, strict=False))
-    places = range(register.address, register.address + register.size)
-    if not all(place in written for place in places):
+def _value(register: Register, order: ByteOrder, places: Sequence[int], content: bytes) -> int | None:
+    """Return the value that a write stores in a register, or None if it does not write the whole register.
+
+    Args:
+        register: The register.
+        order: Byte order of the servo.
+        places: Address of each byte of the write.
+        content: Bytes of the write.
+    """
+    if register.address not in places:
         return None
-    return register.decode(bytes(written[place] for place in places), order)
+    if isinstance(places, range):
+        first = register.address - places.start
+        found = content[first : first + register.size]
+        return register.decode(found, order) if len(found) == register.size else None
+    written = dict(zip(places, content, strict=False))
+    own = [written.get(register.address + i) for i in range(register.size)]
+    return None if None in own else register.decode(bytes(cast(list[int], own)), order)
 
 
 def _position_address(joint: Joint) -> int:

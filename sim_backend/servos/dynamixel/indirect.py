@@ -23,6 +23,7 @@ Assumed:
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from struct import unpack_from
 from typing import Final
 
 from drivers.servos import x
@@ -36,10 +37,6 @@ class Window:
     addresses: int
     data: int
     count: int
-
-    def covers(self, address: int) -> bool:
-        """Return whether this is the address of a data register."""
-        return self.data <= address < self.data + self.count
 
     def pointer(self, cell: int) -> int:
         """Return the address of the indirect address that belongs to the data register at ``cell``."""
@@ -77,11 +74,10 @@ def cells(windows: Sequence[Window]) -> Iterator[Register]:
 
 def resolved(windows: Sequence[Window], table: bytes | bytearray, address: int, size: int) -> list[int]:
     """Return the indices in ``table`` of the bytes that a read or write of ``size`` bytes at ``address`` refers to."""
-    meant = list(range(address, address + size))
-    for i, place in enumerate(meant):
-        for window in windows:
-            if window.covers(place):
-                at = window.pointer(place)
-                meant[i] = int.from_bytes(table[at : at + 2], "little")
-                break
+    end = address + size
+    meant = list(range(address, end))
+    for window in windows:
+        first, last = max(address, window.data), min(end, window.data + window.count)
+        if first < last:
+            meant[first - address : last - address] = unpack_from(f"<{last - first}H", table, window.pointer(first))
     return meant
