@@ -1,6 +1,7 @@
 """Test components that are lost or change their state while the other components continue."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.hal_errors import ActivationError, LifecycleError, PartLost
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from hal.types import FloatArray, JointCommand, JointFault, JointLimits, JointState
 from sim_backend.clock import SimulatedClock
 from tests.controller.test_loop import Puppet
 from tests.hal.failing_mock import FailingMock
@@ -229,6 +230,34 @@ def test_a_lost_component_resumes_at_its_measured_positions() -> None:
     assert two.loop.command[2] == pytest.approx(-0.7)
     assert set(two.states[-1].faults) == {"shoulder", "elbow"}
     assert two.components.lost == [two.components.components[0]]
+
+
+def test_a_component_is_taken_over_after_one_more_reading() -> None:
+    two = Two()
+    two.arm._position[:], two.hand._position[:] = (1.5, 0.5), -0.7
+    two.up().cycle()
+    readings = two.hand.calls.count("read")
+    two.loop.take_over(two.components.components[1], two.states[-1])
+    assert two.hand.calls.count("read") == readings + 1 and two.loop.command[2] == -0.7
+
+
+@pytest.mark.parametrize("faults", [{}, {"shoulder": JointFault("silent", "no reply")}])
+def test_joints_that_are_not_taken_over_do_not_matter(faults: dict[str, JointFault]) -> None:
+    two = Two()
+    two.arm._position[:] = (0.0, 0.4)
+    two.up().cycle()
+    state = replace(two.states[-1], position=np.array([9.0, 0.4, 0.0]), faults=faults)
+    part = replace(two.arm.read(), position=state.position[:2], faults=faults)
+    two.arm.read = lambda: part  # type: ignore[method-assign]
+    two.loop.take_over(two.components.components[0], state, ["elbow"])
+    assert two.loop.command.tolist() == [0.0, 0.4, 0.0]
+
+
+def test_all_joints_far_outside_their_limits_are_named() -> None:
+    two = Two()
+    two.arm._position[:] = (9.0, -8.0)
+    with pytest.raises(ActivationError, match=r"activated: shoulder is at 9\.0000, [^;]*; elbow is at -8\.0000"):
+        two.up()
 
 
 class Reliever(Mover):

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from controller import loop as loop_module
 from controller.loop import ControlLoop
 from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
@@ -464,6 +465,23 @@ def test_the_log_contains_the_delay_of_a_late_wake_up(caplog: pytest.LogCaptureF
     clock.sleep_until = lambda deadline_s: sleep(deadline_s + 0.06)  # type: ignore[method-assign]
     loop.run(lambda: loop.figures.cycles == 1)
     assert "mostly because of the machine: the slowest cycle was late or interrupted for 60.0 ms" in caplog.text
+
+
+def test_time_without_computing_is_the_delay_of_the_machine(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    puppet, loop, _, clock = puppet_loop()
+    monkeypatch.setattr(loop_module, "computing_time", lambda clock: lambda: 50.0)
+    puppet.during_update = lambda: clock.sleep_until(clock.now() + 0.06)
+    loop.run(lambda: loop.figures.cycles == 1)
+    assert "late or interrupted for 60.0 ms, read the bus for 0.0 ms and computed for 0.0 ms" in caplog.text
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_controllers_start_within_the_limits(side: float) -> None:
+    bench = Bench()
+    bench.hardware.place("shoulder", side * 2.15)
+    assert bench.up().loop.within_limits.tolist() == [side * 2.0, 0.0, 0.0]
 
 
 def test_joints_without_torque_are_still_measured() -> None:
