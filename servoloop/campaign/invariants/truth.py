@@ -48,6 +48,9 @@ RECENT_S: Final = 0.5
 previous reading to compare, in seconds."""
 LEAP_S: Final = 0.1
 """Maximum time between two readings of a joint without a reported fault, in seconds, including the stack's margin."""
+SWITCHED_CYCLES: Final = 3
+"""Number of cycles after an activation in which a silent joint may report a position that the activation measured: the
+cycle in which the activation ends, the cycle that measures the joints twice, and the next one."""
 
 
 class ReportedTruly(Invariant):
@@ -76,6 +79,12 @@ class ReportedTruly(Invariant):
         """Time at which each joint was last reported with a fault."""
         self._before: list[float] = []
         """Positions reported in the previous cycle."""
+        self._switched_cycles = 0
+        """Number of coming cycles that may report a position measured by an activation."""
+
+    def on_write(self, bus: str, data: bytes) -> None:
+        if any(one.switching for one in self.stack.loop.hardware.components):
+            self._switched_cycles = SWITCHED_CYCLES
 
     def on_motion(self, positions: FloatArray) -> None:
         self._steps = np.concatenate((self._steps[-1:], positions[:, self._world]))
@@ -86,8 +95,9 @@ class ReportedTruly(Invariant):
         if not len(self._steps) or self.shared_id:
             return
         lowest, highest = self._steps.min(axis=0).tolist(), self._steps.max(axis=0).tolist()
-        if state.faults and before:
+        if state.faults and before and not self._switched_cycles:
             self._keeps_unread(state, before, reported)
+        self._switched_cycles = max(self._switched_cycles - 1, 0)
         for place, name in enumerate(self._names):
             if name in state.faults:
                 self._reported_s[name] = state.stamp_s
