@@ -81,12 +81,16 @@ def test_a_joint_that_passes_its_last_count_needs_the_instruction(monkeypatch: p
     bench = Bench().configured()
     assert bench.hardware._buses is not None
     bus = bench.hardware._buses.buses[""]
-    with pytest.raises(ServoRefused, match="does not support the instruction 0x0A"):
+    lacks = r"^servo 2: does not support the instruction 0x0A .* use an adapter that forwards the instruction$"
+    with pytest.raises(ServoRefused, match=lacks):
         forget_turns(replace(JOINTS[1], seam_inside=True), FaultLog(), bus)
 
 
 def test_a_reading_in_another_turn_is_explained() -> None:
-    assert "it has counted a turn" in counted_turns(JOINTS[1], 6144)
+    assert counted_turns(JOINTS[1], 6144) == (
+        "The servo reports 6144 counts, which is outside 0 to 4095: it has counted a turn. Hold the arm, and switch "
+        "the servos' supply off and on. Do not change zero_counts, because the new value would be wrong afterwards"
+    )
     assert "it has counted 2 turns" in counted_turns(JOINTS[1], -5000)
     assert counted_turns(JOINTS[1], 4095) == counted_turns(JOINTS[1], 0) == ""
 

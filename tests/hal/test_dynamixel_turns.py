@@ -132,7 +132,8 @@ def test_a_lost_restart_is_repeated() -> None:
 def test_a_servo_that_keeps_its_turns_gets_no_torque() -> None:
     arm = Turned(3, 0, 2)
     arm.bus.reboot = lambda servo_id: None  # type: ignore[method-assign]
-    with pytest.raises(ActivationError, match="it has counted 2 turns"):
+    turned = r"^not activated: .* \(servo \d+\) .* it has counted 2 turns\. Hold the arm"
+    with pytest.raises(ActivationError, match=turned):
         arm.activate()
     assert arm.servo.memory.get(x.torque_enable) == 0
 

@@ -63,7 +63,10 @@ def test_a_false_reading_is_a_fault_of_its_joint_only_and_is_counted() -> None:
     deceive(bench.servos.servo(1), 1000)
     state = bench.cycle(HERE)
     assert {joint: fault.kind for joint, fault in state.faults.items()} == {"shoulder": "implausible"}
-    assert "shoulder: servo 1 reports 3048 counts, +1.5340 from the previous reading" in state.faults["shoulder"].text
+    assert state.faults["shoulder"].text == (
+        "shoulder: servo 1 reports 3048 counts, +1.5340 from the previous reading. No joint moves that fast, so the "
+        "position is ignored until a second reading confirms it"
+    )
     assert state.position[0] == before.position[0]
     counters = state.health["shoulder"].counters
     assert counters is not None and counters.implausible == 1
