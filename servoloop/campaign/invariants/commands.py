@@ -163,7 +163,10 @@ class SafeCommands(Invariant):
             self.say(f"the command of {arm.joints[at]} is {wanted[at]:.4f}, but the gate passes {command[at]:.4f}")
 
     def _examine_starts(self, upset: bool) -> None:
-        """Check that a controller starts where the joints of the previous controller have stopped."""
+        """Check that a controller starts where the joints of the previous controller have stopped.
+
+        Limp joints receive no goals, and freedrive follows their measured positions from its first command.
+        """
         loop, manager, before = self.stack.loop, self.stack.manager, self._running
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
         self._running = set(entries)
@@ -173,7 +176,8 @@ class SafeCommands(Invariant):
             ends = np.array([command, np.clip(command, self._lower[place], self._upper[place])])
             for at in np.flatnonzero(np.abs(ends - last).min(axis=0) > STARTS).tolist():
                 joint = self.commanded[place[at]]
-                self.say(f"{name} starts {joint} at {command[at]:.4f}, but the last command was {last[at]:.4f}")
+                if joint not in self._released:
+                    self.say(f"{name} starts {joint} at {command[at]:.4f}, but the last command was {last[at]:.4f}")
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true, hardware = self.true_positions(), self.stack.loop.hardware
