@@ -41,7 +41,9 @@ PAUSES: Final = (1.0, 1.0, 1.0)
 SOCKET_PAUSES: Final = (3.0, 2.0, 1.0)
 """The same frequencies for programs on the command socket, which perform many kinds of actions."""
 INTERRUPTED: Final = 0.8
-"""Fraction of motions over the command socket that the client program interrupts."""
+"""Fraction of motions and freedrives over the command socket that the client program interrupts."""
+GUIDES_S: Final = 2.0
+"""Maximum duration of a freedrive over the command socket that the client program interrupts, in seconds."""
 SETTLES_S: Final = 1.0
 """Time in which an uninterrupted motion would come to rest and succeed, in seconds."""
 INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "cancel", "release")
@@ -130,6 +132,9 @@ def _extend(
         acts.append(_interruption(random, moved.connection, round(at_s, 3)))
         # Only a motion that would still be running or succeed shows whether the interruption is ignored.
         at_s = random.choice([at_s, begun_s + moved.seconds, begun_s + moved.seconds + SETTLES_S])
+    if isinstance(acts[-1], SocketRequest) and acts[-1].op == "freedrive" and random.random() < INTERRUPTED:
+        at_s = min(at_s + random.uniform(0.3, GUIDES_S), seconds)
+        acts.append(_interruption(random, acts[-1].connection, round(at_s, 3)))
     return at_s
 
 

@@ -18,7 +18,11 @@ from servoloop.simulation.acts import (
 FIRST: Final = 0.8
 """Fraction of actions performed by the first program. The second program's requests for control of the arm are mostly
 denied."""
-REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state", "freedrive", "freedrive_end")
+REQUESTS: Final = (
+    *("take", "seize", "release", "stop", "cancel", "state"),
+    *("freedrive", "freedrive", "freedrive", "freedrive_end"),
+)
+"""Requests of a program. Freedrive is drawn more often, because only an interrupted freedrive shows whether it ends."""
 
 
 def draw_socket_act(random: Random, positions: dict[str, float], at_s: float) -> Act:

@@ -125,7 +125,7 @@ class SocketProgram:
 
         If another program keeps control of the arm, the stack must refuse the motion.
         """
-        self._ask("take")
+        self._take()
         if self._denied:
             number = f"{INVALID}-{number}"
         names, values = list(act.positions), list(act.positions.values())
@@ -140,7 +140,7 @@ class SocketProgram:
         return line_of(number, "set_point", controller=arm.name, values=values, time_s=act.seconds, sent_s=sent_s)
 
     def _begin_stream(self, act: SocketStream) -> None:
-        self._ask("take")
+        self._take()
         if act.op == "targets":
             self._ask("stream", max_age_s=STREAM_AGE_S)
         self._stream = self._targets(act)
@@ -166,7 +166,7 @@ class SocketProgram:
         if act.op == "seize":
             self._ask("take", force=True)
         elif act.op == "freedrive":
-            self._ask("take")
+            self._take()
             self._ask("freedrive", on=True)
         elif act.op == "freedrive_end":
             self._ask("freedrive", on=False)
@@ -180,7 +180,7 @@ class SocketProgram:
             self._ask(**self._running)
 
     def _send_nonsense(self, act: SocketNonsense) -> None:
-        self._ask("take")
+        self._take()
         limits = {joint: self._stack.files.limits[joint] for joint in self._stack.arm.joints}
         self._write(nonsense(act.fault, f"{INVALID}-{self._number()}", limits, self._now()))
 
@@ -195,6 +195,11 @@ class SocketProgram:
             line = self._motion(self._number(), SocketMove(positions=self._whole({})))
             self._write(line[: len(line) // 2])
         self.hang_up()
+
+    def _take(self) -> None:
+        """Request control of the arm. The stack must refuse this request while another program has control."""
+        owned = self._served.requests.ownership.owner not in ("", self.name)
+        self._write(line_of(f"{INVALID}-{self._number()}" if owned else self._number(), "take"))
 
     def _number(self) -> int:
         return next(self._numbers)

@@ -94,8 +94,8 @@ class Switch(_Act):
 class Reactivate(_Act):
     """Deactivate the hardware, and reactivate the hardware and the controllers after ``for_s``.
 
-    If ``for_s`` is 0, activate the hardware although it is already active, which enables the torque of limp joints. A
-    person may push limp joints by hand before the activation.
+    If ``for_s`` is 0, wait until a joint is limp, and activate the hardware although it is already active. This enables
+    the torque of the limp joints. A person may push limp joints by hand before the activation.
     """
 
     kind: Literal["reactivate"] = "reactivate"

@@ -46,6 +46,8 @@ JOG_SHARE: Final = 0.3
 """Maximum jogging velocity, as a fraction of the velocity limit."""
 PULL_SHARE: Final = 0.5
 """Maximum pull by hand, as a fraction of the servo's full effort."""
+LOOKS_S: Final = 0.25
+"""Time after which a client checks again whether a joint is limp, in seconds."""
 PUSHED_S: Final = 0.3
 """Duration for which a hand pushes limp joints, in seconds."""
 
@@ -289,17 +291,27 @@ class SimulatedClients:
             activate()
             self._later(2.0 * loop.period_s, lambda: self._activate(*running))
 
-        if act.for_s == 0.0:
-            parts = [one.hardware for one in loop.hardware.components if one.active]
-            limp = {name for part in parts if isinstance(part, Reactivating) for name in part.without_torque}
+        def push(limp: Collection[str]) -> None:
             self._push(limp, act.push, PUSHED_S)
             self._later(PUSHED_S, activate)
+
+        if act.for_s == 0.0:
+            self._when_limp(push)
             return
         for name in components:
             transitions.ask(name, LifecycleState.INACTIVE, act.relax)
         if act.relax:
             self._push(loop.hardware.joints, act.push, act.for_s / 2.0)
         self._later(act.for_s, activate_all)
+
+    def _when_limp(self, action: Callable[[Collection[str]], None]) -> None:
+        """Call ``action`` with the names of the limp joints of the active hardware, as soon as there are any."""
+        parts = [one.hardware for one in self._stack.loop.hardware.components if one.active]
+        limp = {name for part in parts if isinstance(part, Reactivating) for name in part.without_torque}
+        if limp:
+            action(limp)
+        else:
+            self._later(LOOKS_S, lambda: self._when_limp(action))
 
     def _push(self, limp: Collection[str], share: float, for_s: float) -> None:
         """Push limp joints, as a person may do before an activation."""

@@ -752,3 +752,31 @@ def gripper_goals_stall_at_once(patch: pytest.MonkeyPatch) -> None:
         controller._still_s = controller.parameters.stall_timeout
 
     patch.setattr(GripperActionController, "_start", wrong)
+
+
+@detected_by("controllers resume")
+def controllers_stay_inactive_after_an_activation(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ControlLoop, "_resume", lambda loop, controllers, state: None)
+
+
+@detected_by("goals are judged")
+def control_is_taken_without_force(patch: pytest.MonkeyPatch) -> None:
+    take = Ownership.take
+    patch.setattr(Ownership, "take", lambda ownership, client, force: take(ownership, client, True))
+
+
+@detected_by("every goal ends")
+def fault_timeout_is_twice_as_long(patch: pytest.MonkeyPatch) -> None:
+    lasting = FaultTimeout.lasting
+    patch.setattr(FaultTimeout, "lasting", lambda timeout, faults, period_s: lasting(timeout, faults, period_s / 2.0))
+
+
+@detected_by("cancels are followed")
+def freedrive_outlives_its_program(patch: pytest.MonkeyPatch) -> None:
+    halt = ArmRequests.halt
+
+    def wrong(served: ArmRequests, client: Any) -> None:
+        served._guiding = None
+        halt(served, client)
+
+    patch.setattr(ArmRequests, "halt", wrong)

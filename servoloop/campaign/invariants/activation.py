@@ -6,6 +6,7 @@ from typing import Any, Final
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
+from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.campaign.invariants.invariant import Invariant
@@ -39,6 +40,8 @@ SWITCH_CYCLES: Final = 2
 """Number of cycles after which all torque limits must be reduced."""
 STIFF_S: Final = 3.0
 """Time after which all torque limits must be restored, in seconds."""
+RESUME_CYCLES: Final = 3
+"""Number of cycles after which controllers must be active again."""
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
@@ -145,3 +148,56 @@ class ActivatedAsConfigured(Invariant):
             self.say(f"{joint.name} was activated at {position:.4f}, far outside its limits {limits}")
         if not self.torque(joint):
             self.say(f"{joint.name} is active, but its torque is off")
+
+
+class ControllersResume(Invariant):
+    """After the limp joints of active hardware have been activated again, the same controllers are active as before.
+
+    A controller whose joints another controller has claimed in the meantime is not examined. If joints are still limp,
+    the activation has failed, and the controllers stay inactive.
+    """
+
+    name = "controllers resume"
+    promised = False
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        self._running: set[str] = set()
+        """Names of the active controllers with command interfaces, in the last cycle without a transition."""
+        self._stayed_active = False
+        """Whether the hardware has stayed active since then."""
+        self._cycles: int | None = None
+        """Number of cycles since the end of a transition; None if no transition is examined."""
+
+    def on_state(self, state: JointState) -> None:
+        components, registry = self.stack.loop.hardware.components, self.stack.manager.registry
+        running = {one.spec.name for one in registry.running if one.controller.command_interfaces}
+        stays = all(one.hardware.state is LifecycleState.ACTIVE and one.error is None for one in components)
+        if any(one.leaving or one.switching for one in components):
+            self._stayed_active = stays and (self._cycles is None or self._stayed_active)
+            self._cycles = 0
+            return
+        self._stayed_active = self._stayed_active and stays
+        if self._cycles is not None:
+            self._cycles += 1
+            failed = any(one.incomplete for one in components) or self.upset or self.stack.ending
+            examined = self._stayed_active and not failed and bool(self._running)
+            if not examined or not self._missing(running):
+                self.examined += examined
+                self._cycles = None
+            elif self._cycles > RESUME_CYCLES:
+                names = ", ".join(sorted(self._missing(running)))
+                self.say(f"limp joints were activated again, but not their controllers: {names}")
+                self._cycles = None
+        if self._cycles is None:
+            self._running = running
+
+    def _missing(self, running: set[str]) -> set[str]:
+        """Return the former controllers that are not active and whose joints no other controller has claimed."""
+        registry = self.stack.manager.registry
+        return {
+            name
+            for name in self._running - running
+            if (controller := registry.loaded[name].controller) is not None
+            and not any(one in registry.claimed for one in controller.command_interfaces)
+        }

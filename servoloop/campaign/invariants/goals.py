@@ -13,6 +13,7 @@ from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from hal.types import JointLimits, JointState
+from servoloop.api.freedrive import FREEDRIVE
 from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
@@ -24,6 +25,10 @@ REST_S: Final = 1.5
 """Maximum time until the joints are at rest at the end of a goal, in seconds."""
 FAULT_ENDS_S: Final = 1.5
 """Maximum time until a goal with an unmeasured joint ends, in seconds: the fault timeout plus one second to stop."""
+FAULT_STOPS_S: Final = 0.35
+"""Maximum time for which a goal with an unmeasured joint continues on its path, in seconds, plus two cycles."""
+GUIDED_CYCLES: Final = 4
+"""Maximum number of cycles until freedrive ends after its program has lost control of the arm."""
 RELIEF_S: Final = 6.0
 """Maximum time until a goal that is being stopped ends, in seconds, even if its joints are blocked and must be
 relieved."""
@@ -88,6 +93,8 @@ class GoalsEnd(Invariant):
         for joint, lasted_s in self._faulty_s[key].items():
             if lasted_s > FAULT_ENDS_S + 2.0 * period_s:
                 self.say(f"a goal continues although {joint} has not been measured for {lasted_s:.2f} s")
+            if lasted_s > FAULT_STOPS_S + 2.5 * period_s and tracking.on_goal and logged is self.newest_goal:
+                self.say(f"the path continues although {joint} has not been measured for {lasted_s:.2f} s")
         if self._faulty_s[key]:
             return
         counts = self._on_path_s if tracking.on_goal else self._off_path_s
@@ -123,6 +130,8 @@ class CancelsAreFollowed(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._done: set[int] = set()
+        self._unowned_cycles = 0
+        """Number of cycles for which freedrive has continued without a program in control."""
 
     def on_state(self, state: JointState) -> None:
         for logged in (*self.stack.goals.open, *self.stack.ended_goals):
@@ -134,6 +143,16 @@ class CancelsAreFollowed(Invariant):
         clients = self.stack.clients
         if clients is not None and clients.programs is not None and (owner := clients.programs.dead_owner):
             self.say(f"{owner} has died, but it still owns the motion")
+        if clients is not None and clients.programs is not None:
+            self._examine_freedrive(clients.programs.owner)
+
+    def _examine_freedrive(self, owner: str) -> None:
+        """Check that freedrive ends when no program on the command socket has control of the arm."""
+        freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
+        unowned = freedrive is not None and freedrive.active and not owner
+        self._unowned_cycles = self._unowned_cycles + 1 if unowned else 0
+        if self._unowned_cycles > GUIDED_CYCLES:
+            self.say("freedrive continues although no program has control of the arm")
 
     def _require_rest(self, logged: LoggedGoal) -> None:
         """Report an arm that is still moving at the end of a canceled goal, because clients start from that position.

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.activation import ActivatedAsConfigured
+from servoloop.campaign.invariants.activation import ActivatedAsConfigured, ControllersResume
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.forwarded import ForwardedIsFollowed
@@ -67,6 +67,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     SmoothEnd,
     NanHolds,
     ActivatedAsConfigured,
+    ControllersResume,
     EndsAsChosen,
 )
 
