@@ -42,6 +42,7 @@ class Takeover:
         except ManagerError as error:
             raise ArmBusyError(f"{self._name} cannot take over its joints: {error}") from error
         self._former = tuple(former)
+        self._stack.before_end[self._name] = self._before_end
 
     def give_back(self) -> None:
         """Reactivate the previous controllers.
@@ -49,12 +50,19 @@ class Takeover:
         The previous controllers start after the joints have slowed down within their limits.
         """
         loop = self._stack.loop
+        self._stack.before_end.pop(self._name, None)
         inactive = tuple(name for name in self._former if not loop.manager.registry.loaded[name].active)
         try:
             request = SwitchRequest(activate=inactive, deactivate=(self._name,) * self.active)
             loop.manager.switch(request, loop.within_limits)
         except ManagerError as error:  # Without a controller, the joints hold their positions.
             LOG.error("the controllers that were active before %s cannot be activated again: %s", self._name, error)
+
+    def _before_end(self) -> None:
+        """Return the joints when the program ends, because only the previous controllers can relieve joints that press
+        against an obstacle."""
+        if self.active:
+            self.give_back()
 
 
 STREAM: Final = "stream_controller"

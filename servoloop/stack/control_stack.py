@@ -1,8 +1,9 @@
 """Build, configure and shut down the hardware, controllers and control loop of a robot."""
 
+import logging
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from controller.component_transitions import TransitionRules
@@ -18,6 +19,8 @@ from servoloop.stack.hardware import HardwareSetup
 from servoloop.stack.line_rate import check_rates
 from servoloop.stack.robot_files import Files
 
+LOG = logging.getLogger("servoloop")
+
 
 @dataclass(frozen=True)
 class ControlStack:
@@ -31,6 +34,8 @@ class ControlStack:
     files: Files
     loop: ControlLoop
     worker: BackgroundWorker
+    before_end: dict[str, Callable[[], None]] = field(default_factory=dict)
+    """Actions that ``end`` performs first, keyed by name, such as returning joints to their usual controllers."""
 
     @classmethod
     def build(
@@ -119,6 +124,11 @@ class ControlStack:
         Returns:
             One sentence for each failure during the shutdown.
         """
+        for name, action in tuple(self.before_end.items()):
+            try:
+                action()
+            except Exception:  # The arm must be stopped in any case.
+                LOG.exception("internal error in an action of %s before the arm stops", name)
         park = self.files.robot.file.park
         pose, scale = (park.pose, park.velocity_scale) if park else (None, 1.0)
         if return_to is not None:

@@ -112,6 +112,20 @@ def test_a_joint_that_a_stream_pressed_against_an_obstacle_is_relieved_after_its
     assert loaded.state.command[PAN] == pytest.approx(loaded.state.position[PAN], abs=0.1)
 
 
+def test_a_joint_that_a_stream_presses_against_an_obstacle_is_relieved_when_the_program_ends(
+    loaded: LoadedArm,
+) -> None:
+    loaded.push(PAN, -8.0)
+    stream = loaded.stream(max_age=2.0)
+    stream.send({PAN: 1.0})
+    loaded.sleep(0.8)
+    assert loaded.state.command[PAN] - loaded.state.position[PAN] > 0.5
+    stack = loaded.loop.backend.stack
+    place = stack.loop.hardware.joints.index(PAN)
+    assert stack.end() == []
+    assert stack.loop.command[place] == pytest.approx(loaded.state.position[PAN], abs=0.1)
+
+
 def test_joints_that_still_stop_when_a_stream_begins_do_not_move_back(loaded: LoadedArm) -> None:
     with loaded.stream(max_age=1.0) as stream:
         stream.send({PAN: 1.5})
