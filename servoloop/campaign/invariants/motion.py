@@ -1,6 +1,7 @@
 """Invariant on the motion of the simulated arm, independent of its commands."""
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
@@ -22,6 +23,12 @@ OVERSHOOT_RAD: Final = 0.1
 """Overshoot of a joint that stops (0.05 in benchmarks.fidelity) or is freed from an obstacle at full drive, in rad."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
+PUSHED: Final = 0.5
+"""Minimum distance from its command of a joint that something pushes, in rad or m."""
+PUSHED_CYCLES: Final = 5
+"""Minimum number of cycles for which such a joint has been far from its command."""
+SPRINGS_BACK_S: Final = 0.2
+"""Time for which the speed of such a joint is not checked after it is free, in seconds."""
 AFTER_STEPS: Final = 500
 """Maximum time until a joint has sprung back after one of the faults in ``NOT_ITS_OWN``, in ms."""
 
@@ -43,6 +50,10 @@ class NoFasterThanAllowed(Invariant):
         """Remaining time for which the speed is not checked, in ms."""
         self._happened = 0
         """Number of faults that have started or ended so far."""
+        self._pushed_cycles = Counter[str]()
+        """Number of consecutive cycles in which each joint was far from its command."""
+        self._pushed_s: dict[str, float] = {}
+        """Time of the latest cycle in which each joint had been far from its command for some time."""
         self._steps: FloatArray = np.empty((0, len(stack.world.joints)))
         """Positions (m, n) after each step since the last cycle, and after the ``OVER_STEPS`` steps before it."""
 
@@ -53,6 +64,7 @@ class NoFasterThanAllowed(Invariant):
     def on_state(self, state: JointState) -> None:
         if self._is_moved_by_fault():
             self._excused_steps = AFTER_STEPS
+        self._note_pushed()
         if not self.active:  # The joints are not driven, so they may fall or be moved by hand.
             self._steps = self._steps[:0]
         if len(self._steps) > OVER_STEPS and self._excused_steps <= 0:
@@ -67,12 +79,22 @@ class NoFasterThanAllowed(Invariant):
         self._happened = len(player.happened)
         return any(one.kind in NOT_ITS_OWN for one in events)
 
+    def _note_pushed(self) -> None:
+        """Note the joints that something has pushed far from their commands, which spring back when they are free."""
+        true = self.true_positions()
+        for joint in self._by_name:
+            far = self.off_command(joint, true[joint]) > PUSHED
+            self._pushed_cycles[joint] = self._pushed_cycles[joint] + 1 if far else 0
+            if self._pushed_cycles[joint] >= PUSHED_CYCLES:
+                self._pushed_s[joint] = self.stack.clock.now()
+
     def _check(self) -> None:
         """Check the distances to the positions ``OVER_STEPS`` before, for all steps of a cycle at once."""
         moved = np.abs(self._steps[OVER_STEPS:] - self._steps[:-OVER_STEPS]).max(axis=0)
         for index in np.flatnonzero(moved > self._furthest):
             joint = self._by_name[self.stack.world.joints[index]]
-            if self.torque(joint):
+            springs_back = self.stack.clock.now() - self._pushed_s.get(joint.name, -math.inf) < SPRINGS_BACK_S
+            if self.torque(joint) and not springs_back:
                 limit = f"but its limit is {joint.limits.velocity:g} rad/s"
                 self.say(f"{joint.name} turned by {moved[index]:.3f} rad in {OVER_STEPS} ms, {limit}")
 

@@ -187,6 +187,8 @@ class NothingPresses(Invariant):
             joint: PRESSES_SHARE * (stack.loop.limits[place].upper - stack.loop.limits[place].lower)
             for joint, place in self._places.items()
         }
+        self._others = [i for i in range(len(self.commanded)) if i not in self._places.values()]
+        """Indices of the commands of all other joints, such as the gripper."""
         self._off_s = defaultdict[str, float](float)
         """Time each joint has pressed against an obstacle while no joint was relieved, in seconds."""
         self._pressed_s = defaultdict[str, float](float)
@@ -203,6 +205,8 @@ class NothingPresses(Invariant):
         self._last: object = None
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
+        self._relief_over = False
+        """Whether the commands of the arm have been constant for some time, or since another joint moved."""
         self._least_off: dict[str, float] = {}
         """Smallest distance of each joint from its command since the relief was complete. A joint that something else
         pushes away later does not count as pressing."""
@@ -251,7 +255,9 @@ class NothingPresses(Invariant):
         places = list(self._places.values())
         kept = np.array_equal(loop.command[places], loop.previous_command[places])
         self._commands_kept_s = self._commands_kept_s + loop.period_s if kept else 0.0
-        before = self._least_off if self._commands_kept_s > RELIEF_OVER_S else {}
+        pushes = not np.array_equal(loop.command[self._others], loop.previous_command[self._others])
+        self._relief_over = kept and (self._relief_over or pushes or self._commands_kept_s > RELIEF_OVER_S)
+        before = self._least_off if self._relief_over else {}
         off = {joint: self.off_command(joint, true[joint]) for joint in self._places}
         self._least_off = {joint: min(now, before.get(joint, now)) for joint, now in off.items()}
 
