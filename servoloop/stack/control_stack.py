@@ -52,8 +52,8 @@ class ControlStack:
             setup: Hardware, not yet configured.
             files: Files of the robot.
             clock: Clock of the loop.
-            worker: Worker for tasks that take longer than a cycle. By default, they run in the loop thread. keep_alive:
-            Whether the loop continues when it loses a component.
+            worker: Worker for tasks that take longer than a cycle. By default, they run in the loop thread.
+            keep_alive: Whether the loop continues when it loses a component.
         """
         worker = worker or SameThreadWorker()
         manager = ControllerManager(setup.hardware, files.limits, files.component.outputs)
