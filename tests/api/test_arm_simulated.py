@@ -126,6 +126,21 @@ def test_a_joint_that_a_stream_presses_against_an_obstacle_is_relieved_when_the_
     assert stack.loop.command[place] == pytest.approx(loaded.state.position[PAN], abs=0.1)
 
 
+def test_a_joint_that_an_own_controller_presses_is_relieved_when_the_program_ends(loaded: LoadedArm) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    loaded.push(PAN, -8.0)
+    stack = loaded.loop.backend.stack
+    place = stack.loop.hardware.joints.index(PAN)
+    context = loaded.controller(own, joint=PAN)  # The program ends before the context does.
+    context.__enter__()
+    loaded.sleep(0.8)
+    assert abs(loaded.state.command[PAN] - loaded.state.position[PAN]) > 0.5
+    assert stack.end() == []
+    assert stack.loop.command[place] == pytest.approx(loaded.state.position[PAN], abs=0.1)
+    with pytest.raises(ArmError, match="the control loop has ended"):
+        context.__exit__(None, None, None)
+
+
 def test_joints_that_still_stop_when_a_stream_begins_do_not_move_back(loaded: LoadedArm) -> None:
     with loaded.stream(max_age=1.0) as stream:
         stream.send({PAN: 1.5})
