@@ -4,7 +4,8 @@ The program prints how many facts about ranges, errors, modes, profiles and the 
 lists the facts that do not.
 
 The values of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected values
-come from ROBOTIS data sheets ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
+come from ROBOTIS data sheets ("data sheet"), or follow from BAM's oscilloscope measurements, motor parameters and
+friction models ("law").
 """
 
 from collections.abc import Iterator

@@ -43,7 +43,7 @@ class DynamixelServos:
         return int.from_bytes(data[5:7], "little") + 7 if len(data) >= HEAD else 0
 
     def silence(self, silent: set[int]) -> None:
-        """From now on, only these servos are silent."""
+        """From now on, make only these servos silent."""
         self.silent = silent
         self._kept.clear()
 

@@ -33,7 +33,8 @@ from sim_backend.mechanics.plant import BenchPlant
 COUNTS_PER_RAD = 4096 / (2.0 * pi)
 MIDDLE = 2048
 RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
-"""Friction (0.75 rad/s2) and damping (5.4 rad/s without load) of the servo whose steps were recorded."""
+"""Friction and damping of the servo whose steps were recorded. Friction decelerates this servo by 0.75 rad/s2, and
+damping limits its speed without load to 5.4 rad/s."""
 
 
 class StsBench:
@@ -128,7 +129,7 @@ def steps() -> Iterator[Figure]:
     reached = next(ms for ms, count in enumerate(small) if count >= 99)
     yield Figure("step of 100: at the goal after", "ms", reached, 78, "hardware")
     yield Figure(
-        "step of 100: overshoot", "counts", max(small) - 100, 4, "hardware", "the difference is one count of four"
+        "step of 100: overshoot", "counts", max(small) - 100, 4, "hardware", "the difference is only one count"
     )
     why = "friction was identified in motion; static friction is not modeled"
     yield Figure("step of 10: ends short by", "counts", 10 - curves[10][-1], 2, "hardware", why)
@@ -205,7 +206,7 @@ def protections() -> Iterator[Figure]:
 
 
 def switches() -> Iterator[Figure]:
-    """Yield the default effects of a goal write and of enabling torque on a limp servo."""
+    """Yield the effects of writing a goal to a limp servo and of enabling its torque, with default settings."""
     bench = StsBench.at_12_v()
     bench.write(sts.torque_enable, 1)
     bench.wait(1.0)

@@ -71,7 +71,10 @@ def lost_cycles(make: str, servos: int, period_s: float) -> dict[int, int]:
 def show_silent(console: Console, servos: int) -> None:
     """Print one line for each make and period."""
     table = Table(
-        "make", "period", "cycles lost by other servos, by silent servo", title=f"one servo silent for {SILENT_S} s"
+        "make",
+        "period",
+        "cycles lost by the other servos, for each silent servo",
+        title=f"one servo silent for {SILENT_S} s",
     )
     for make in MODELS:
         for period_s in PERIODS_S:

@@ -48,7 +48,7 @@ LARGEST_STEP: Final = 1.15
 """Maximum allowed step of a joint, as a multiple of its velocity limit.
 
 A servo moves 5 % faster than its goals, to catch up with its lag. In addition, the feed's timestamps may be off by one
-tick of the emulator, which is 5 ms of 50 ms.
+tick of the emulator: 5 ms in a step of 50 ms.
 """
 GRADES: Final = "ABC"
 

@@ -17,7 +17,8 @@ BEHIND_RAD: Final = 0.25
 full drive from 0.19 rad upward.
 """
 LEAST_DRIVE: Final = 0.04
-"""Minimum drive that can be evaluated, as a fraction of full drive. The steps between goals hide a smaller drive.
+"""Minimum drive that can be evaluated, as a fraction of full drive. A smaller drive cannot be distinguished from the
+effect of the steps between goals.
 """
 
 

@@ -86,7 +86,7 @@ def places(path: Path) -> Callable[[Sequence[int | str]], str]:
 def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
     """Return the entries whose names begin with a prefix, without this prefix.
 
-    Raise CalibrationError if there are no such entries.
+    Raises CalibrationError if there are no such entries.
     """
     found = {name.removeprefix(prefix): one for name, one in file.items() if name.startswith(prefix)}
     if not found:
@@ -110,7 +110,7 @@ def lerobot_text(file: LerobotFile) -> str:
 def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> LerobotFile:
     """Convert a calibration to LeRobot's format.
 
-    Raise CalibrationError listing all values that the format cannot represent.
+    Raises CalibrationError listing all values that the format cannot represent.
     """
     file: LerobotFile = {}
     problems: list[str] = []

@@ -68,7 +68,7 @@ class ComponentTransition(Request[None]):
     def __str__(self) -> str:
         if self.reactivated is not None:
             return f"joints of {self.name} are being activated again"
-        return f"{self.name} is being set {self.target.name.lower()}"
+        return f"{self.name} is being set to {self.target.name.lower()}"
 
 
 @dataclass(frozen=True, slots=True)

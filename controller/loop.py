@@ -27,8 +27,9 @@ LOG = logging.getLogger("servoloop.controller")
 REMEMBERED: Final = 0.95
 """Factor by which the recorded maximum duration of the steps after the read decays in each cycle."""
 RESERVE_MARGIN: Final = 0.1
-"""Fraction of the period that the read leaves free in addition to the time that the other steps took so far. Without
-this margin, a cycle that waits for a late reply ends slightly too late, which costs the next cycle."""
+"""Fraction of the period that the read leaves free, in addition to the time that the other steps have recently needed.
+Without this margin, a cycle that waits for a late reply would end slightly too late, and the next cycle would be
+missed."""
 READ_AT_LEAST: Final = 1.25
 """Minimum time for a read, as a multiple of the fastest complete read. On a bus or machine that is too slow for the
 rate, cycles are then missed, but the joints are measured."""

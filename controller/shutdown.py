@@ -161,9 +161,8 @@ def _check_torque(loop: ControlLoop) -> None:
 
 
 def _return_to_limits(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
-    """Wait until joints outside their limits have returned to them, which the gate does slowly.
-
-    A motion that began before would be ahead of these joints, and they would jump to it at the limit.
+    """Wait until the safety gate has slowly returned joints outside their limits to these limits. If a motion began
+    earlier, its commands would run ahead of these joints, which would jump to the commands at the limit.
     """
     inside, each = loop.within_limits, zip(loop.command.tolist(), loop.limits, loop.kinds, strict=True)
     duration_s = max((return_s(at, limit) for at, limit, kind in each if kind == "position"), default=0.0)

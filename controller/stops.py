@@ -58,7 +58,8 @@ class StopMotion:
 
 
 class ReturnMotion:
-    """The return of one position to its limits. The safety gate makes it slow, so the command is the limit itself."""
+    """The return of one position to its limits. The safety gate keeps the return slow, so the command is the limit
+    itself."""
 
     def __init__(self, position: float, limit: JointLimits) -> None:
         self.duration_s = return_s(position, limit)
@@ -115,8 +116,8 @@ class DecelerationStops:
     def begin_return(self, index: Iterable[int], command: FloatArray) -> None:
         """Let positions outside their limits return to them.
 
-        A controller that moved its joints in the meantime would be ahead of a joint that returns slowly, and the joint
-        would jump as soon as it is within its limits.
+        If a controller moved its joints in the meantime, its commands would run ahead of a slowly returning joint. The
+        joint would then jump as soon as it is within its limits.
 
         Args:
             index: Indices of the command interfaces.

@@ -28,7 +28,7 @@ TRIES = 3
 """Number of attempts to write, to close the lock, and to find a servo with a new ID. These attempts do not wear out the
 EEPROM.
 """
-HOLDS = "the servo holds torque. Support the arm, then disable torque"
+HOLDS = "the torque of the servo is enabled. Support the arm, then disable the torque"
 """Reason why a setting is not written."""
 OPEN, CLOSED = 0, 1
 """Values of the lock register."""
@@ -133,12 +133,13 @@ class Eeprom:
         return held
 
     def _is_open(self, lock: Register, register: Register) -> bool:
-        """Whether the lock is still open after a write. If the lock has closed, the value is lost at power-off."""
+        """Return whether the lock is still open after a write. If the lock has closed, the value is lost at
+        power-off."""
         read = partial(self.bus.read, self.servo_id, lock)
         return self._ask(read, register, "was written, but may not have been saved") == OPEN
 
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
-        """Return the result of a request with retries. Raise EepromError with the message ``failed``."""
+        """Return the result of a request with retries. Raises EepromError with the message ``failed``."""
         try:
             return retry(question)
         except ServoError as error:
@@ -174,7 +175,7 @@ class Eeprom:
         )
 
     def _unlock(self, register: Register) -> None:
-        """Open the lock before the first write. Raise EepromError if torque is enabled."""
+        """Open the lock before the first write. Raises EepromError if torque is enabled."""
         if self._touched:
             return
         torque_is_on = partial(self.bus.torque_is_on, self.servo_id)

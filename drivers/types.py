@@ -20,8 +20,8 @@ TEXTS: dict[FaultKind, str] = {
 class ServoState(NamedTuple):
     """State of one servo, taken from one reply. ``alarms`` holds the names of the status bits that are set.
 
-    This is a tuple because each cycle creates one for every servo, and creating a frozen dataclass takes four times as
-    long.
+    This class is a named tuple, because each cycle creates an instance for every servo. Creating a frozen dataclass
+    takes four times as long.
     """
 
     position_counts: int

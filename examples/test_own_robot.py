@@ -17,7 +17,7 @@ def wave(arm: Arm, times: int = 2) -> None:
 
 @pytest.fixture(params=[1, 2])
 def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
-    """Create a virtual arm. The two arms differ in friction, motors and masses."""
+    """Create a virtual arm. The tests run with two arms, which differ in friction, motors and masses."""
     with Arm.simulated("so101", seed=request.param) as simulated:
         yield simulated
 

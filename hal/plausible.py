@@ -75,7 +75,7 @@ def range_mistake(kind: str, value: float) -> str | None:
 
 
 def without_truth(value: Any) -> Any:
-    """Return a value unchanged. Raise ValueError for a boolean, because pydantic would accept ``true`` as 1."""
+    """Return a value unchanged. Raises ValueError for a boolean, because pydantic would accept ``true`` as 1."""
     if isinstance(value, bool):
         raise ValueError(f"{str(value).lower()} is a boolean, but a number is required: write a number")
     return value

@@ -143,7 +143,7 @@ def far_outside(position: float, limits: JointLimits) -> str:
 
 
 class ServoHealth(NamedTuple):
-    """Health of a servo. This is a tuple because each cycle creates one for every servo."""
+    """Health of a servo. This class is a named tuple, because each cycle creates an instance for every servo."""
 
     voltage_v: float
     temperature_c: float

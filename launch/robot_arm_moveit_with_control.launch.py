@@ -31,7 +31,7 @@ class FileError(Exception):
 
 
 def read(file: Path) -> dict[str, Any]:
-    """Read a YAML file that contains a mapping. Raise FileError if it does not."""
+    """Read a YAML file that contains a mapping. Raises FileError if it does not."""
     _, values = read_yaml(file, FileError)
     if not isinstance(values, dict):
         raise FileError(f"{file}:1: the file must contain a mapping from parameter names to values")
@@ -49,7 +49,8 @@ def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
     semantic = sorted(moveit.glob("*.srdf"))
     if len(semantic) != 1:
         raise FileError(
-            f"{moveit} has {len(semantic)} files *.srdf instead of one: use a folder that `servoloop arms moveit` wrote"
+            f"{moveit} contains {len(semantic)} .srdf files instead of one: use a folder that `servoloop arms "
+            "moveit` wrote"
         )
     return {
         "robot_description": read_xml(described(urdf, moveit), FileError, "the URDF"),
@@ -118,12 +119,13 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "moveit",
                 default_value=str(MOVEIT),
-                description="Folder with the files of MoveIt, as written by `servoloop arms moveit`.",
+                description="Folder with the MoveIt files that `servoloop arms moveit` wrote.",
             ),
             DeclareLaunchArgument(
                 "scene",
                 default_value=str(MOVEIT / SCENE),
-                description="Objects around the arm, instead of the folder's file; an empty scene:= means no objects.",
+                description="Scene file to use instead of the one in the folder. An empty scene:= means no objects "
+                "around the arm.",
             ),
             # The included file also declares this argument, but start_moveit needs it too.
             DeclareLaunchArgument("urdf", default_value=str(URDF)),

@@ -1,4 +1,5 @@
-"""ROS namespaces, which allow the nodes of several stacks to share one domain. Imports no ROS package."""
+"""ROS namespaces, which allow the nodes of several stacks to share one domain. This module does not import any ROS
+package."""
 
 import re
 from typing import Final, Protocol

@@ -82,7 +82,7 @@ def nodes_in_graph(node: Node, name: str) -> int:
 
 
 class OtherNodes:
-    """Checks once per second for another node with the same name as a node of this program.
+    """Periodic check, once per second, for another node with the same name as a node of this program.
 
     A new stack exits when it discovers another stack. A longer-running stack, whose arm may be in motion, only reports
     the other stack.

@@ -81,8 +81,8 @@ def _slide(start: Sequence[float], along: Sequence[float]) -> Place:
 
 
 def _turn(at_rest: Sequence[float], turned: Sequence[float]) -> Place:
-    """Rotate by an angle. The result is cos(angle/2) times the quaternion at rest plus sin(angle/2) times the turned
-    quaternion."""
+    """Rotate by an angle. The result is cos(angle/2) times ``at_rest`` plus sin(angle/2) times ``turned``, the
+    quaternion after a rotation by 180 degrees."""
     (ax, ay, az, aw), (bx, by, bz, bw) = at_rest, turned
 
     def place(transform: Transform, angle_rad: float) -> None:

@@ -45,7 +45,7 @@ class State:
 
     @property
     def ok(self) -> bool:
-        """Whether the state is not the final state of an unsuccessful job."""
+        """False for the final state of an unsuccessful job, and True for all other states."""
         return self.phase is not JobPhase.ERROR
 
 

@@ -6,7 +6,7 @@ from pick_place.settings import normal_grade
 
 
 def candidate(grades: Iterable[str]) -> str | None:
-    """Return the grade of the first apple that has one, because the camera sorts the apples by rank."""
+    """Return the grade of the first apple that has a grade. The camera sorts the apples by rank."""
     return next((grade for grade in map(normal_grade, grades) if grade), None)
 
 

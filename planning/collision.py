@@ -141,8 +141,8 @@ class Collisions:
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
     def room_m(self, positions: FloatArray, padding_m: float) -> float:
-        """Return the largest padding that positions (n,) satisfy, up to ``padding_m``, in m, which is negative in
-        contact."""
+        """Return the largest padding that positions (n,) satisfy, in m, but at most ``padding_m``. The padding is
+        negative in contact."""
         self.poses_checked += 1
         distances = np.full(len(self._pairs.one), np.inf)
         pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)

@@ -202,7 +202,7 @@ class GroupPlanner:
 
         Args:
             link: Link or site, or the tip of the group if None.
-            state: Positions of all driven joints, for those of other groups.
+            state: Positions of all driven joints. Only the positions of joints that do not move the link are used.
             offset: Frame to use instead of the link's frame. The frame is fixed to the link and given relative to it.
 
         Raises:
@@ -224,7 +224,8 @@ class GroupPlanner:
         return [self.joints.index(name) for name in chain.names]
 
     def _within(self, constraints: PathConstraints, start: State) -> "GroupPlanner":
-        """Return a planner whose limits are narrowed to the path constraints. Raise PlanningError."""
+        """Return a planner whose limits are narrowed to the path constraints. Raises PlanningError if the start
+        violates a joint range, or a range does not overlap the limits."""
         if not constraints.joints:
             return self
         if text := constraints.broken_range(start):

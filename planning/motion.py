@@ -130,7 +130,7 @@ class Touch:
     one: str
     other: str
     distance_m: float
-    """Distance in m. In contact, the value is 0 or negative, but not the depth of the contact."""
+    """Distance in m. In contact, the value is 0 or negative, but it does not represent the penetration depth."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ class SrdfError(PlanningError):
 
 
 def read_srdf(path: Path, description: Description) -> Groups:
-    """Read an SRDF file. Raise SrdfError.
+    """Read an SRDF file. Raises SrdfError if the file contains errors.
 
     Args:
         path: The file.
@@ -65,7 +65,8 @@ def _root(xml: str, file: str) -> Element:
 
 
 def read_pairs(path: Path) -> dict[Pair, str]:
-    """Read the pairs of links that an SRDF file excludes from collision checks. Raise SrdfError."""
+    """Read the pairs of links that an SRDF file excludes from collision checks. Raises SrdfError if the file contains
+    errors."""
     return parse_pairs(read_xml(path, SrdfError), str(path))
 
 

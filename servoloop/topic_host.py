@@ -34,7 +34,7 @@ class ForeignControllers:
     record: Path | None = None
     """Path of the recording, if any."""
     search: "Search | None" = None
-    """Search for another topic-host. The search began before the hardware was opened."""
+    """Running search for another topic-host, which was started before the hardware was opened."""
     controllers: list[HostController] = field(default_factory=list)
     """List that contains the controller that follows the commands; empty until that controller is loaded."""
 

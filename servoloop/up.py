@@ -52,7 +52,7 @@ class OwnControllers:
     """Controllers from the controllers file, with ros2_control's ROS interfaces."""
 
     search: "Search | None" = None
-    """Search for another controller manager. The search began before the hardware was opened."""
+    """Running search for another controller manager, which was started before the hardware was opened."""
 
     def load_controllers(self, stack: ControlStack) -> None:
         """Load all controllers in the controllers file."""

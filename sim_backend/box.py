@@ -1,8 +1,7 @@
 """A box of factory-new servos on a single bus. A script can connect individual servos or the whole chain.
 
 All servos have ID 1. As delivered, they delay each reply by 500 us, a setting that LeRobot's set-up changes. The
-maximum voltage of a 7.4 V servo is 8 V. This limit is assumed, because such servos report a wrong input voltage at 12
-V.
+maximum voltage of a new 7.4 V servo is assumed to be 8 V, because such servos report a voltage error at 12 V.
 """
 
 from collections.abc import Mapping, Sequence

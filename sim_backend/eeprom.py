@@ -57,7 +57,7 @@ class _Owner:
         servo."""
         model, memory = self.servo.model.name, self.servo.memory
         if entry.model != model:
-            raise ValueError(f"the model in the file is {entry.model}, but the arm has a {model}")
+            raise ValueError(f"the model in the file is {entry.model}, but the arm has an {model}")
         defaults = bytes.fromhex(entry.defaults) or self._fresh.defaults
         if len(defaults) != len(self._fresh.defaults):
             raise ValueError(f"defaults has {len(defaults)} bytes instead of {len(self._fresh.defaults)}")

@@ -59,8 +59,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def _hear_interrupts() -> None:
-    """Restore the signals that a shell ignores for background programs and nohup, for pytest and the tested
-    programs."""
+    """Restore the handlers of signals that a shell ignores in background programs and under nohup. Pytest and the
+    tested programs need these signals."""
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)

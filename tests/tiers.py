@@ -24,7 +24,7 @@ def long_tests() -> frozenset[str]:
 
 
 def has_long_tests(path: Path) -> bool:
-    """Whether a file has a long test."""
+    """Return whether a file has a long test."""
     return any(path.match(name.partition("::")[0]) for name in long_tests())
 
 
@@ -41,7 +41,7 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
 def sample(items: list[pytest.Item]) -> list[pytest.Item]:
     """Return the first test of each folder, and the first test of ``ALWAYS``.
 
-    The tests in the list are omitted: `make test` runs a case of each, or they take too long.
+    Tests in ``long_tests`` are omitted, because `make test` runs their first case, or because they take too long.
     """
     first: dict[Path, pytest.Item] = {}
     for item in items:

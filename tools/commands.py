@@ -102,7 +102,8 @@ class Commands:
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
-                start_new_session=True,  # The compilers of a build then end with the command.
+                # Ending the session of the command also ends the compilers that it has started.
+                start_new_session=True,
             )
             self._running.add(process)
             return process

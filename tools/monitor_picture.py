@@ -46,7 +46,7 @@ def main(picture: Path) -> None:
 async def screen(playback: Playback) -> str:
     """Return the settled screen as an SVG that loads no fonts from other machines.
 
-    Raise TimeoutError if the screen never settles.
+    Raises TimeoutError if the screen never settles.
     """
     app = MonitorApp(playback)
     async with app.run_test(size=(COLUMNS, LINES)) as pilot:

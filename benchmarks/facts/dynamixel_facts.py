@@ -169,7 +169,12 @@ def positions() -> Iterator[Fact]:
         bench = FactBench(x.XL430_W250)
         before = bench.read(x.present_position)
         bench.write(x.homing_offset, offset)
-        yield Fact("positions", f"mode 3, offset {offset}: adds", added, bench.read(x.present_position) - before)
+        yield Fact(
+            "positions",
+            f"mode 3: counts added by homing offset {offset}",
+            added,
+            bench.read(x.present_position) - before,
+        )
     bench = FactBench(x.XL430_W250)
     bench.write(x.drive_mode, x.REVERSE)
     before = bench.read(x.present_position)
@@ -212,18 +217,20 @@ def bus() -> Iterator[Fact]:
         bench = FactBench(*group)
         bench.line.faults.silence(2)
         heard = [servo_id for servo_id, _ in bench.send(code, parameters)]
-        yield Fact("bus", f"{name}: servo 2 of 3 silent, heard", [1], heard, "I 364")
+        yield Fact("bus", f"{name}: servos that reply while servo 2 of 3 is silent", [1], heard, "I 364")
     bench = FactBench(*group)
     for servo in bench.line.servos:
         servo.memory.put(x.secondary_id, 9)
     heard = [servo_id for servo_id, _ in bench.send(Code.WRITE, b"\x41\0\x01", 9)]
     lit = [servo.memory.get(x.led) for servo in bench.line.servos]
-    yield Fact("bus", "secondary ID: all obey, none answers", ([1, 1, 1], []), (lit, heard))
+    yield Fact("bus", "secondary ID: all servos obey, no servo replies", ([1, 1, 1], []), (lit, heard))
     for firmware, kept in ((42, 5), (41, 0)):
         bench = FactBench(x.XL430_W250, firmware=firmware)
         bench.write(x.homing_offset, 5)
         bench.send(Code.FACTORY_RESET, b"\xff")
-        yield Fact("bus", f"V{firmware}: broadcast factory reset keeps", kept, bench.read(x.homing_offset))
+        yield Fact(
+            "bus", f"V{firmware}: homing offset after a broadcast factory reset", kept, bench.read(x.homing_offset)
+        )
     clear = FactBench(x.XL430_W250).send(Code.CLEAR, b"\x01\x44\x58\x4c\x22", 1)
     yield Fact("bus", "clear is answered without error", [(1, 0)], clear)
     bench = FactBench(x.XL430_W250)

@@ -19,7 +19,7 @@ class Stopwatch:
             setattr(owner, method, self.timed(part, getattr(owner, method)))
 
     def timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that does the same and whose time is added to this part."""
+        """Return a wrapper that calls ``method`` and adds its execution time to this part."""
         self.spent_s.setdefault(part, 0.0)
 
         def timed(*args: Any, **kwargs: Any) -> Any:

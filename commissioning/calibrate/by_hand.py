@@ -85,7 +85,7 @@ class ByHand:
     def run(self) -> dict[str, JointCalibration]:
         """Guide the user through all tasks, and return the calibration of each joint, keyed by joint name.
 
-        Raise CalibrationError if the arm was not moved as requested.
+        Raises CalibrationError if the arm was not moved as requested.
         """
         require_poses(self._joints, self._plans)
         self._counting = {joint.name: counting_of(self._bus, joint) for joint in self._joints}
@@ -106,7 +106,10 @@ class ByHand:
         """Ask the user to move every joint from stop to stop, and repeat the request for joints that missed a stop."""
         free = [joint.name for joint in self._joints if turns_freely(joint)]
         if free:
-            self._guide.say(f"{', '.join(free)}: turns freely and is not swept. You will show its zero with a pose")
+            self._guide.say(
+                f"{', '.join(free)}: turns freely, so there are no stops to move it to. You will move it to a marked "
+                "pose instead"
+            )
         left = tuple(joint for joint in self._joints if not turns_freely(joint))
         text = "Move every joint slowly from stop to stop, in any order"
         stops = Stops(self._sweep, left)
@@ -130,8 +133,8 @@ class ByHand:
         for joint in self._joints:
             if self._counting[joint.name].homing_offset is None:
                 self._guide.say(
-                    f"{joint.name}: its {joint.model.name} has a fixed position where its count jumps from the last to "
-                    "the first. If the joint crosses this position, you must mount the servo's horn at another angle"
+                    f"{joint.name}: its {joint.model.name} has a fixed position where its reading wraps from the last "
+                    "count to 0. If the joint crosses this position, mount the servo's horn at a different angle"
                 )
 
     def _require_seams_outside(self) -> None:
@@ -291,7 +294,7 @@ def as_joint(joint: Joint, made: JointCalibration) -> Joint:
 def _exchanged(joint: Joint, other: Joint) -> str:
     return (
         f"{joint.name}: servo {joint.servo_id} did not move, but servo {other.servo_id} ({other.name}) moved twice "
-        "instead. Either the IDs of the two servos are exchanged, or another joint was moved. Nothing was written. If "
-        "the IDs are exchanged, correct them with servoloop set-id (set one of them to a free ID first), then "
+        "instead. Either the IDs of the two servos are swapped, or another joint was moved. Nothing was written. If "
+        "the IDs are swapped, correct them with servoloop set-id (set one of them to a free ID first), then "
         "calibrate again"
     )

@@ -89,7 +89,8 @@ class DirectionSearch:
         )
 
     def _shown_by_stop(self, index: int) -> int:
-        """Return the sign of a joint near a stop: the joint turns farther away from the stop than toward it.
+        """Return the sign of a joint near a stop. Such a joint can turn through a larger angle away from the stop than
+        toward it.
 
         Return 0 for other joints.
         """

@@ -43,7 +43,7 @@ class JointPlan(BaseModel):
 def _in_order(steps: Any) -> Any:
     """Convert a list of single-entry mappings to one mapping in the same order.
 
-    Raise ValueError for a mapping with several entries, because the order of its entries is not reliable.
+    Raises ValueError for a mapping with several entries, because the order of its entries is not reliable.
     """
     if isinstance(steps, Mapping) and len(steps) > 1:
         example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())

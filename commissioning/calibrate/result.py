@@ -92,7 +92,7 @@ def fills_the_turn(joint: Joint, travel: Travel) -> bool:
 
 
 def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
-    """Return the calibration of one joint. Raise CalibrationError if the seam cannot be kept out of the joint's range.
+    """Return the calibration of one joint. Raises CalibrationError if the seam cannot be kept out of the joint's range.
 
     For a joint that turns freely, only the URDF range matters. The seam is placed opposite the middle of this range,
     and the travel is the full turn.
@@ -142,7 +142,7 @@ def _off_the_seam(joint: Joint, needed: Travel, counting: Counting) -> tuple[Tra
 def cannot_move_seam(joint: Joint) -> str:
     """Return the cause and the remedy if a joint's range contains a fixed encoder seam."""
     return (
-        f"the count of its servo ({joint.servo_id}) jumps from the last to the first within the joint's range, and an "
+        f"the reading of its servo ({joint.servo_id}) wraps from the last count to 0 within the joint's range, and an "
         f"{joint.model.name} cannot move this position. Take the horn off, turn the servo to the middle of its range, "
         "and mount the horn again"
     )

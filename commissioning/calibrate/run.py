@@ -59,9 +59,12 @@ def _there_and_back(arm: SlowArm, index: int) -> None:
 STORE = "Store this calibration?"
 TRY = (
     "Test the calibration? The torque will be enabled: support the arm until it holds its position. Each joint then "
-    "moves a little, slowly. Press any key to stop it."
+    "moves a little, slowly. Press any key to stop the motion."
 )
-DIRECTIONS = "Only your hand has shown the direction of {joints}. Did you move each joint in the requested direction?"
+DIRECTIONS = (
+    "The direction of {joints} is known only from the motion of your hand. Did you move each joint in the requested "
+    "direction?"
+)
 REPEAT = "Measure {joints} again?"
 MOVED = "Did each joint first move in the direction that was printed for it?"
 HANDS_OFF = "The arm holds its position now: take your hands off"
@@ -178,7 +181,7 @@ def calibrate(
     for one in differences:
         if one.made.extended and not one.before.extended:
             asker.say(
-                f"{one.joint}: the count of its servo ({one.servo_id}) jumps from the last to the first within the "
+                f"{one.joint}: the reading of its servo ({one.servo_id}) wraps from the last count to 0 within the "
                 "joint's range, so the servo will be set to extended position mode (4) with a homing offset"
             )
     asker.show(differences)
@@ -245,7 +248,7 @@ def _try(
         arm.rest(HANDS_S)
         for index, joint in enumerate(arm.joints):
             way = "in this direction" if first_way(arm, index) > 0.0 else "opposite to this direction"
-            asker.say(f"{joint.name} first moves {way}, then back: {plans[joint.name].positive}")
+            asker.say(f"{joint.name} ({plans[joint.name].positive}): it first moves {way}, then back")
         check(arm, asker.say)
         asker.say(SUPPORT)
         arm.rest(HANDS_S)

@@ -21,10 +21,10 @@ from drivers.types import Reading, ServoState
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path, load_calibration
 
-HEADER = "# Written by servoloop calibrate. The previous calibration is in the file of the same name plus .1.\n"
+HEADER = "# Written by servoloop calibrate. The previous calibration is in the file with the suffix .1.\n"
 UNFINISHED = (
-    "# This calibration did not reach all servos: calibrate again. The last complete one is in the file of the same "
-    "name plus .1.\n"
+    "# This calibration did not reach all servos: calibrate again. The last complete calibration is in the file "
+    "with the suffix .1.\n"
 )
 
 

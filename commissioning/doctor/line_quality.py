@@ -40,7 +40,7 @@ def line_figures(
     Args:
         bus: The bus.
         models: Model of each servo, keyed by ID.
-        clock: Clock for all times.
+        clock: Clock for all delays and timeouts.
         delays: Values of the servos' return delay registers.
         echoes: Whether the adapter echoes every request. The value is copied into the result.
     """
@@ -133,7 +133,8 @@ class Hearing:
     def heard(self) -> Heard:
         """Quality of the replies.
 
-        Two servos with the same ID reply at the same time, so each reply arrives as a mixture of both: "broken".
+        Two servos with the same ID reply at the same time. Each reply arrives as a mixture of both, so the quality is
+        "broken".
         """
         good = self.kinds.count(None)
         if self.late > 1 + good and not {None, "corrupt"} & set(self.kinds[:SAMPLES]):

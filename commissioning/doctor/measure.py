@@ -46,8 +46,8 @@ def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], kn
 
 LARGEST_BLOCK: Final = 60
 LARGEST_GAP: Final = 8
-"""Maximum number of undocumented bytes in a block. These bytes are read along with the registers, because servos return
-them."""
+"""Maximum number of consecutive undocumented bytes in a block. Servos also return these bytes, so they are read along
+with the registers."""
 
 
 def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:

@@ -84,7 +84,8 @@ class SmallMotions:
         return trial.motion(max((self._sag(arm, index, way, all_joints) for way in ends), key=abs))
 
     def _sag(self, arm: SlowArm, index: int, way: float, all_joints: Sequence[Joint]) -> float:
-        """Return the sag of one joint after a motion of ``way``. Joints on other buses are assumed to be at zero."""
+        """Return the sag of one joint after a motion by the signed distance ``way``. Joints on other buses are assumed
+        to be at position 0."""
         joint = arm.joints[index]
         if self.gravity is None or joint.compliance is None:
             return 0.0

@@ -116,7 +116,7 @@ def require_model(bus: Bus, servo_id: int, model: ServoModel) -> None:
 
 
 def compare(bus: Bus, passport: Passport) -> Comparison:
-    """Compare the servos with a passport. Raise ServoError if a servo stops responding during the comparison."""
+    """Compare the servos with a passport. Raises ServoError if a servo stops responding during the comparison."""
     answers = {answer.servo_id for answer in who_answers(bus)}
     differences: list[Difference] = []
     for servo_id, servo in passport.servos.items():

@@ -98,7 +98,7 @@ def alike(adapters: Sequence["Adapter"]) -> tuple[Complaint, ...]:
     return tuple(
         Complaint(
             "alike",
-            f"{' and '.join(devices)} have the same USB IDs and no serial number, so their names may be exchanged when "
+            f"{' and '.join(devices)} have the same USB IDs and no serial number, so their names may be swapped when "
             "they are plugged in again. Use their paths in /dev/serial/by-path instead",
         )
         for devices in by_kind.values()
@@ -112,7 +112,10 @@ def _permission(machine: Machine, adapter: "Adapter") -> Complaint | None:
         return None
     advice = allowed.advice(machine.user.name)
     if allowed.joined:
-        text = f"you have joined the group '{allowed.group}', but only a new login applies it: log out and in again"
+        text = (
+            f"you have joined the group '{allowed.group}', but the change takes effect only at the next login: log out "
+            "and in again"
+        )
         return Complaint("login", text, advice)
     if allowed.group == "root":
         text = (
@@ -220,7 +223,7 @@ def ports(machine: Machine | None = None) -> PortsReport:
 
 
 def only_port(machine: Machine | None = None) -> str:
-    """Return the device path of the only USB adapter. Raise CommissioningError if there is no adapter, or more than
+    """Return the device path of the only USB adapter. Raises CommissioningError if there is no adapter, or more than
     one."""
     report = ports(machine)
     devices = [one.device for one in report.adapters if one.vid is not None]

@@ -122,7 +122,8 @@ def _statements(file: Path) -> str:
 
 
 USUAL_GROUP: Final = "dialout"
-"""Group of serial devices on Debian and its derivatives; safer than root, which permits far more."""
+"""Group that owns serial devices on Debian and its derivatives. Joining this group is safer than running as root, which
+permits far more."""
 
 
 @dataclass(frozen=True, slots=True)

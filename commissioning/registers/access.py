@@ -27,7 +27,7 @@ from drivers.types import ServoState
 def enable_torque_in_place(servo: FoundServo) -> None:
     """Set the servo's goal to its measured position, then enable torque, so that the servo does not move.
 
-    Raise CommissioningError if the servo cannot hold this position, because it is in another mode or outside its
+    Raises CommissioningError if the servo cannot hold this position, because it is in another mode or outside its
     limits.
     """
     servo_id, series, bus = servo.servo_id, servo.series, servo.bus

@@ -1,4 +1,5 @@
-"""Restore read replies from a servo that responds only to pings, with a write that the servo does not acknowledge."""
+"""Make a servo that responds only to pings reply to reads again. The servo does not acknowledge the write that does
+this."""
 
 from functools import partial
 from typing import Final
@@ -24,7 +25,7 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
 
     Args:
         port: The port.
-        clock: Clock for all times.
+        clock: Clock for all delays and timeouts.
         servo_id: ID of the servo.
         model: Model of the servo, which cannot be read. Other models may have a different register at the same address.
         bauds: Baud rates to try. If empty, try all baud rates.
@@ -33,8 +34,8 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
         The servo's new status level.
 
     Raises:
-        CommissioningError: The servo does not respond, replies to reads before the write or not after it, or has a
-            different model.
+        CommissioningError: The servo does not respond, already replies to reads, does not reply to reads after the
+            write, or has a different model.
     """
     series = series_of(model)
     packets, level = series.protocol.packets, series.status_level
@@ -63,7 +64,8 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
 
 
 def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Raise CommissioningError if the servo replies to reads, because its model need not be assumed in this case."""
+    """Raise CommissioningError if the servo replies to reads. In this case, its model can be read instead of
+    assumed."""
     series = series_of(model)
     try:
         number = retry_often(partial(Bus(port, clock, {servo_id: model}).read, servo_id, series.model_number))

@@ -79,8 +79,8 @@ class FoundServo:
 def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = ()) -> Iterator[FoundServo]:
     """Find the servo with this ID, and keep the port at the servo's baud rate until the context ends.
 
-    Raise CommissioningError if no servo with this ID responds at any baud rate (or at ``bauds``), or if two servos have
-    this ID.
+    Raises CommissioningError if no servo with this ID responds at any baud rate (or at ``bauds``), or if two servos
+    have this ID.
     """
     former = port.baud
     try:
@@ -127,7 +127,7 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
 def _sole(port: Port, clock: Clock, step: ScanStep, servo_id: int) -> FoundServo:
     """Return the servo with this ID.
 
-    Raise CommissioningError if two servos have this ID, or if the servo cannot be read.
+    Raises CommissioningError if two servos have this ID, or if the servo cannot be read.
     """
     seen = examine_servo(port, clock, step, servo_id)
     for problem in seen.problems if seen else ():

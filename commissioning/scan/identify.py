@@ -39,7 +39,8 @@ class Identity:
 
     @property
     def stand_in(self) -> ServoModel:
-        """Model for the servo's packets: its own model, or the first model of its series, whose table may differ."""
+        """Model used to encode the servo's packets. If the servo's own model is unknown, this is the first model of its
+        series, whose control table may differ."""
         return self.model or self.series.models[0]
 
 
@@ -49,7 +50,7 @@ def retry_often(question: Callable[[], Result]) -> Result:
 
 
 def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Identity:
-    """Read the identity of a servo. Raise ServoError if the servo does not send valid replies."""
+    """Read the identity of a servo. Raises ServoError if the servo does not send valid replies."""
     if packets is v1:
         bus = Bus(port, clock)
         head = retry_often(partial(bus.read, servo_id, HEAD))

@@ -82,7 +82,7 @@ def scan(
 
     Args:
         port: The port.
-        clock: Clock for all times.
+        clock: Clock for all delays and timeouts.
         scope: Baud rates, IDs and makes to try.
         models: Expected model of each servo, keyed by ID. The scan searches for these IDs if the scope does not specify
         any IDs. progress: Function that is called before each step and at the end.

@@ -103,7 +103,7 @@ class SetUp:
 
         Args:
             bus: Bus of the servos.
-            clock: Clock for all waiting times.
+            clock: Clock for all delays and timeouts.
             places: Servos of the arm.
             guide: Interface to the person who connects the servos.
             turn: Whether servos turn their horns to identify their gears if several models share their model number.
@@ -195,7 +195,7 @@ class SetUp:
         return self.turn and bool(rivals(place.model))
 
     def _gear(self, place: ServoPlace, servo_id: int) -> GearResult:
-        """Turn the horn of the servo to test its gear. Raise NotYet if the servo has the wrong gear."""
+        """Turn the horn of the servo to test its gear. Raises NotYet if the servo has the wrong gear."""
         self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns now")
         gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
         if gear.verdict == "other":

@@ -126,8 +126,8 @@ def require_fit(bus: Bus, servo_id: int, place: ServoPlace, places: Sequence[Ser
     """Check that a servo can be used for a joint, and return its supply voltage. The bus must be at the servo's baud
     rate.
 
-    Raise NotYet if the servo belongs to another joint, has the wrong model, or has torque enabled. Raise SetUpError if
-    the voltage is wrong.
+    Raises NotYet if the servo belongs to another joint, has the wrong model, or has torque enabled. Raises SetUpError
+    if the voltage is wrong.
     """
     owner = next((one.joint for one in places if one.servo_id == servo_id), None)
     if servo_id not in (FACTORY_ID, place.servo_id) and owner is not None:

@@ -93,7 +93,7 @@ def judge_gear(motion: TrialMotion | None) -> GearResult:
 WAY_RAD: Final = 0.8
 """Angle by which the horn turns back and forth, in rad."""
 FASTEST_RAD_S: Final = 0.8
-"""Speed at which the goal moves. The horn itself turns up to 50 % faster, which corresponds to a quarter of the slowest
+"""Speed at which the goal moves. The horn itself turns up to 50 % faster. Its speed is then a quarter of the slowest
 model's no-load speed. At lower speeds, two gears cannot be distinguished reliably.
 """
 PERIOD_S: Final = 0.04

@@ -117,7 +117,7 @@ class Written:
 def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Written, ...]:
     """Write these gains to the joint's servo and return the changes.
 
-    Raise ServoError if the servo's torque is enabled or the servo does not accept a gain, and PortLost if the port
+    Raises ServoError if the servo's torque is enabled or the servo does not accept a gain, and PortLost if the port
     disappears.
     """
     known = gains_of(joint.model)

@@ -19,8 +19,8 @@ from hal.servos.limp_arm import servo_name, torque_warning
 from hal.types import FloatArray
 
 OpenBuses = Callable[[Sequence[Joint]], Mapping[str, Bus]]
-"""Function that opens the buses of these joints, whose P gains may differ from the robot file, and returns the buses
-keyed by name."""
+"""Function that opens the buses of the given joints and returns the buses, keyed by name. The joints' P gains may
+differ from the robot file."""
 
 PERIOD_S: Final = 0.02
 TIMES: Final = 2

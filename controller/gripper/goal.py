@@ -47,7 +47,7 @@ class GripperParameters(Parameters):
         if self.max_effort:
             unused.append("max_effort (torque_limit in the robot file limits the force)")
         if self.max_velocity_interface:
-            unused.append("max_velocity_interface (the planned motion keeps the velocity)")
+            unused.append("max_velocity_interface (the planned motion already limits the velocity)")
         return super().unused() + unused
 
 

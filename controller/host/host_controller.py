@@ -112,7 +112,7 @@ class HostController:
     def submit(self, names: Sequence[str], positions: Sequence[float]) -> None:
         """Submit a message. Any thread may call this method.
 
-        Raise RefusedCommandError if the message is not a command for these joints.
+        Raises RefusedCommandError if the message is not a command for these joints.
         """
         self._inbox.append(self._messages.sorted(names, positions))
 

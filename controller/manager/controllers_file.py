@@ -166,7 +166,7 @@ class _Source:
     def parameters(self, name: str, settings: ManagerSettings) -> tuple[Sections, dict[str, Any]]:
         """Return the sections with the highest priority and the controller's merged parameters.
 
-        Raise ControllersFileError or ValueError.
+        Raises ControllersFileError or ValueError.
         """
         node = f"{self.namespace}/{name}" if self.namespace else name
         given, paths = parameters_in(settings.node_arguments, node), settings.files

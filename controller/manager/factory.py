@@ -33,7 +33,7 @@ class Factory:
     def make(self, spec: ControllerSpec) -> Controller:
         """Build an inactive controller.
 
-        Raise ValueError if the controller is not suitable for the robot or lacks parameters.
+        Raises ValueError if the controller is not suitable for the robot or lacks parameters.
         """
         if missing := spec.parameters.missing():
             node = f"{self.file.namespace}/{spec.name}"

@@ -66,7 +66,7 @@ class ControllerRegistry:
         return taken(self.loaded)
 
     def state(self, name: str) -> LifecycleState:
-        """Return the lifecycle state of a controller. Raise KeyError if the controller is not loaded."""
+        """Return the lifecycle state of a controller. Raises KeyError if the controller is not loaded."""
         return self.loaded[name].state
 
     def load(self, spec: ControllerSpec) -> None:

@@ -76,7 +76,8 @@ class SectionsWithDefaults:
 
 
 def _spellings(pattern: str) -> Iterator[tuple[str, ...]]:
-    """Yield the key paths by which a file can contain this pattern: one key, or keys nested at one or every slash."""
+    """Yield the key paths under which a file can contain this pattern: one key, or nested keys split at one or every
+    slash."""
     yield (pattern,)
     for at, letter in enumerate(pattern):
         if letter == "/" and at:

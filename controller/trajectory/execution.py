@@ -31,8 +31,8 @@ LOG = logging.getLogger("servoloop.controller")
 LATE_S: Final = 0.001
 """Minimum delay of the first cycle at which the controller replans the motion to the first point, in seconds."""
 RECALL_S: Final = 0.05
-"""Maximum time after its start at which a goal can still be put back into the waiting state, in seconds. The minimum
-value is one cycle.
+"""Maximum time after its start at which a goal can still be put back into the waiting state, in seconds. If a cycle is
+longer, one cycle is used instead.
 
 A command sent to another controller at the same time as the goal may arrive just after the goal. The arm has hardly
 moved by then.

@@ -147,7 +147,7 @@ def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str], partial: bool) -
     for name in goal.joints:
         if name not in joints:
             return f"Incoming joint {name} doesn't match the controller's joints."
-        if goal.joints.count(name) > 1:  # ros2_control uses the last entry and moves another joint to 0.
+        if goal.joints.count(name) > 1:  # ros2_control uses the last entry, and moves the joint that is missing to 0.
             return f"Joint {name} is named twice: name each joint once."
     return None
 

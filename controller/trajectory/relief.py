@@ -36,7 +36,7 @@ GROWS: Final = 1.25
 neighbor has pushed the joint. The factor is relative to the distance before the command moved back."""
 GROWS_AGAIN: Final = 1.4
 """The same factor, but relative to the smallest distance while the command moved back. A free joint lags behind its
-command at this time, so its distance also grows slightly without being pushed by a neighbor.
+command at this time, so the distance also grows slightly if no neighbor pushes the joint.
 """
 ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be

@@ -67,7 +67,8 @@ class TrajectorySampler:
         self.elapsed_s = 0.0
         self.path: Path | None = None
         self._end: Kinematics | None = None
-        """Kinematics at the end of the path, or None if the path has not ended. Most cycles of an arm are at rest."""
+        """Kinematics at the end of the path, or None if the path has not ended. They are cached, because an arm is at
+        rest in most cycles."""
         self.rate = 1.0
         self.limits = tuple(limits)
         self._lower, self._upper = (np.array([getattr(limit, end) for limit in limits]) for end in ("lower", "upper"))
@@ -104,9 +105,9 @@ class TrajectorySampler:
     def ahead(self, period_s: float, lead_s: float | None = None) -> FloatArray:
         """Return the command (n,) that brings the joints to the reference by the end of the cycle.
 
-        The command leads the reference by the lag of each joint. A servo brakes as it approaches each goal until the
-        next goal arrives, and the lag includes half of this braking. ``lead_s`` replaces the known lags with one value
-        for all joints.
+        The command leads the reference by the lag of each joint. Until the next goal arrives, a servo brakes as it
+        approaches its current goal. The lag takes half of this braking into account. ``lead_s`` replaces the known lags
+        with one value for all joints.
         """
         if lead_s is not None or self._end is not None:
             return self.inside(self.reference(period_s + (lead_s or 0.0)).position)

@@ -27,7 +27,8 @@ A path continues to its own end only if it ends at most ``STOP_MARGIN_S`` after 
 slow down before its end, so the joints would travel much further than during a stop of the same duration.
 """
 STOP_MARGIN_S: Final = 0.2
-"""Additional time allowed beyond these maximums for a stop along a path, or for the end of the path, in seconds."""
+"""Time added to ``LONGEST_STOP`` times the quickest stop, and maximum time after the quickest stop at which a path may
+end, in seconds."""
 TRIES: Final = 12
 """Maximum number of stops to check against the limits, quickest first. The loop waits for these checks."""
 SAMPLES: Final = 40
@@ -38,7 +39,8 @@ SLACK: Final = 1.001
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """A path that ends immediately at the position limits ``lower`` and ``upper`` (n,)."""
+    """A path that is clipped to the position limits ``lower`` and ``upper`` (n,). A joint that reaches a limit stops
+    there immediately."""
 
     path: Path
     lower: FloatArray

@@ -130,7 +130,8 @@ def within(state: Kinematics, bounds: Bounds) -> Kinematics:
 
 
 def _velocities(positions: FloatArray, start: Kinematics, spans_s: FloatArray, bounds: Bounds) -> FloatArray:
-    """Estimate velocities (m, n) that are low enough to meet the next point at its velocity."""
+    """Estimate velocities (m, n) that are low enough for the joints to reach the next point at the velocity of that
+    point."""
     distances = np.abs(np.diff(positions, axis=0))
     chosen = estimated_velocities(positions, spans_s)
     speed, reach = np.abs(chosen), 2.0 * ACCELERATION_SHARE * bounds.acceleration * distances

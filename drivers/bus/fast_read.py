@@ -78,7 +78,7 @@ def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
 
 
 class FastReads:
-    """Decide whether fast sync reads are used on one bus.
+    """Choice between fast and plain sync reads on one bus.
 
     Fast sync reads are tried once, and are abandoned after too many failures.
     """
@@ -107,7 +107,7 @@ class FastReads:
             LOG.info("%s: using plain sync reads, because not every servo supports fast sync reads", line.port.name)
 
     def allowed(self) -> bool:
-        """Whether it is too late for any reply to a failed fast sync read to arrive."""
+        """Return whether it is too late for any reply to a failed fast sync read to arrive."""
         return self._line.now() >= self._paused_until_s
 
     def succeeded(self) -> None:

@@ -16,7 +16,8 @@ from drivers.types import FaultKind, ServoFault, ServoState
 
 GROUP_WAIT_S: Final = 0.002
 """Timeout for the replies of a group, beyond the transmission time, in seconds. This timeout is at least one timer tick
-of most kernels. A wait that ends before the next tick would cost two timer settings for each fragment of a reply.
+of most kernels. If a wait ended before the next tick, the kernel would have to set its timer twice for each fragment of
+a reply.
 """
 TURNAROUND_S: Final = 0.0005
 """Time a servo needs to reply, in seconds. If less time is left in the cycle, a missing reply is not the servo's
@@ -46,7 +47,8 @@ class GroupRead:
         self.timeout = AdaptiveTimeout()
         self.fast = FastReads(line)
         self._prompt = False
-        """Whether complete replies have arrived within ``GROUP_WAIT_S`` since the last read that received no reply."""
+        """Whether the adapter is known to be prompt: complete replies have arrived within ``GROUP_WAIT_S``, and no
+        later read received no reply."""
         self.complete = False
         """Whether the last read returned the state of every servo."""
         self.fast_replies = 0
@@ -122,7 +124,7 @@ class GroupRead:
         return self._decode_separately(plan, responsive, data, wait_s, due_s, deadline_s)
 
     def _chain_has_ended(self, plan: ReadPlan, missing: bool) -> bool:
-        """Whether no more replies can arrive, because a silent servo silences the servos after it.
+        """Return whether no more replies can arrive, because a silent servo silences the servos after it.
 
         The adapter must be known to deliver replies promptly. A slow adapter may still deliver the missing replies.
         """
@@ -262,7 +264,8 @@ class GroupRead:
         return results, noise
 
     def _after_silent(self, plan: ReadPlan, heard: Collection[int]) -> tuple[int, ...]:
-        """If each servo waits for the previous reply, return the servos after the one that ended a group read."""
+        """Return the servos after the silent servo that ended a group read. The result is empty unless each servo waits
+        for the previous reply."""
         if not self._protocol.waits_for_silent:
             return ()
         last = max((n for n, servo_id in enumerate(plan.servo_ids) if servo_id in heard), default=-1)

@@ -47,8 +47,8 @@ def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
 
 
 def _acknowledges(single: SingleServo, servo_id: int, series: Series) -> bool:
-    """Whether the servo acknowledges a write that changes nothing, which even a simulator with an empty table may
-    do."""
+    """Return whether the servo acknowledges a write that changes nothing. Even a simulator with an empty table may
+    acknowledge it."""
     if series.harmless is None:
         return False
     held = retry(partial(single.read, servo_id, series.harmless))

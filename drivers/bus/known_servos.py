@@ -115,7 +115,7 @@ class KnownServos:
         return self._fast[servo_ids]
 
     def _may_read_fast(self, servo_id: int) -> bool:
-        """Whether a fast sync read of this servo may work, judging by its firmware version if known."""
+        """Return whether a fast sync read of this servo may work, based on its firmware version if known."""
         known = reads_fast(self.model(servo_id), self.firmware.get(servo_id))
         return known is not False and servo_id not in self.separate
 
@@ -126,7 +126,8 @@ class KnownServos:
             self._forget_plans()
 
     def _scales(self, servo_ids: tuple[int, ...]) -> dict[int, float | None]:
-        """Return the scale of each servo. The current unit of a Dynamixel X is unknown until it is identified."""
+        """Return the scale of each servo. The unit in which a Dynamixel X reports its current is unknown until the
+        servo is identified."""
         v1_line = self.protocol.packets is v1
         return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self.models else None for i in servo_ids}
 
@@ -137,7 +138,7 @@ class KnownServos:
     def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
         """Encode one sync write of goals for each series. Servos that need separate writes are omitted.
 
-        Raise ValueError if a goal does not fit.
+        Raises ValueError if a goal does not fit.
         """
         servo_ids = tuple(goals)
         if self.written_alone:
@@ -164,7 +165,7 @@ class KnownServos:
         return write
 
     def goal_packet(self, servo_id: int, goal: ServoGoal) -> bytes:
-        """Encode a write of one servo's goal. Raise ValueError if the goal does not fit."""
+        """Encode a write of one servo's goal. Raises ValueError if the goal does not fit."""
         series, packets = self.series(servo_id), self.protocol.packets
         order = "<" if self.protocol.byte_order == "little" else ">"
         data = Struct(order + series.goal_fields).pack(*series.goal_of(self.model(servo_id))(goal))

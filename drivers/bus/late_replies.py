@@ -100,7 +100,8 @@ class LateReplyFilter:
                 one.overtaken, one.until_s = True, now_s + HELD_S
 
     def ambiguous(self, sizes: Mapping[int, int]) -> bool:
-        """Whether a reply of the requested size may answer an earlier request. ``sizes`` is keyed by servo ID."""
+        """Return whether a reply of the requested size may answer an earlier request. ``sizes`` is keyed by servo
+        ID."""
         asked = (self.open[servo_id].get(sizes[servo_id]) for servo_id in self.open.keys() & sizes)
         return any(one is not None and not one.overtaken for one in asked)
 

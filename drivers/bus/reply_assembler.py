@@ -32,7 +32,8 @@ class ReplyAssembler:
                 self.answered.add(reply.servo_id)
 
     def fits(self, reply: Reply) -> bool:
-        """Whether the reply may belong to this request. The size of the reply must match, unless it is a rejection."""
+        """Return whether the reply may belong to this request. The size of the reply must match, unless it is a
+        rejection."""
         size = self.sizes.get(reply.servo_id)
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
 

@@ -41,7 +41,7 @@ class SdkAdapter:
     def is_using(self) -> bool:
         """Lock flag of the SDK, which always stays False.
 
-        One thread owns the port, and an exception would leave the lock closed.
+        A lock is not needed, because one thread owns the port. In addition, an exception would leave the lock closed.
         """
         return False
 

@@ -89,7 +89,7 @@ class SeparateServos:
         return any(isinstance(self._reader.ask(servo_id), ServoState) for _ in range(2))
 
     def write_goal(self, servo_id: int, goal: ServoGoal) -> None:
-        """Write the goal of one servo and wait for the acknowledgment. Raise ValueError if the goal does not fit."""
+        """Write the goal of one servo and wait for the acknowledgment. Raises ValueError if the goal does not fit."""
         line, request = self._line, self._servos.goal_packet(servo_id, goal)
         size, account = self._servos.protocol.packets.OVERHEAD, self._counters.of(servo_id)
         for attempt in range(WRITE_TRIES):
@@ -133,7 +133,7 @@ class SeparateServos:
         reads = alone & self._servos.separate
         LOG.warning(
             "%s: %s %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and limits the rate to %d "
-            "Hz: set a lower update_rate, or use servos that support them",
+            "Hz: set a lower update_rate, or use servos that support group instructions",
             self._line.port.name, subject, "group reads and writes" if reads else "group writes",
             counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
         )  # fmt: skip
@@ -148,5 +148,5 @@ class SeparateServos:
 
 
 def _unanswered(result: object) -> bool:
-    """Whether a servo did not reply to a group read, or rejected it."""
+    """Return whether a servo did not reply to a group read or rejected it."""
     return result == "silent" or (isinstance(result, ServoFault) and result.kind in ("silent", "refused"))

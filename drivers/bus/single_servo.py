@@ -33,7 +33,7 @@ class SingleServo:
         self._sdk = protocol.sdk()
 
     def ping(self, servo_id: int) -> None:
-        """Ping a servo. Raise ServoSilent if the servo does not respond."""
+        """Ping a servo. Raises ServoSilent if the servo does not respond."""
         # The SDK's ping also reads the model number, but some servos respond only to pings.
         self._request(servo_id, self._packets.PING, b"", None, "a ping")
 
@@ -45,7 +45,8 @@ class SingleServo:
         return register.decode(data, self._protocol.byte_order)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
-        """Write a register and check the acknowledgment. Raise ValueError without sending if the value does not fit."""
+        """Write a register and check the acknowledgment. Raises ValueError without sending if the value does not
+        fit."""
         self._write(self._packets.WRITE, servo_id, register, value)
 
     def reg_write(self, servo_id: int, register: Register, value: int) -> None:
@@ -65,7 +66,7 @@ class SingleServo:
     def reboot(self, servo_id: int) -> None:
         """Restart a servo. Its torque is disabled, and it does not respond for up to a second.
 
-        Raise ServoRefused if the servo's protocol has no reboot instruction.
+        Raises ServoRefused if the servo's protocol has no reboot instruction.
         """
         if self._protocol.reboot == "none":
             raise ServoRefused(servo_id, "cannot be rebooted over the bus: switch its power off and on")
@@ -86,7 +87,7 @@ class SingleServo:
         self._request(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
 
     def broadcast_ping(self) -> tuple[int, ...]:
-        """Return the servos that respond to a broadcast ping. Raise DriverError if the servos' replies would
+        """Return the servos that respond to a broadcast ping. Raises DriverError if the servos' replies would
         collide."""
         if not self._protocol.broadcast_ping:
             raise DriverError("the replies to a broadcast ping collide in this protocol: ping each ID separately")

@@ -24,7 +24,7 @@ def held_by_us(path: Path) -> bool:
 
 
 def is_pseudo_terminal(path: Path) -> bool:
-    """Whether the device is a pseudo-terminal, which is served by a program instead of an adapter."""
+    """Return whether the device is a pseudo-terminal, which is served by a program instead of an adapter."""
     return path.resolve().parent == PSEUDO_TERMINALS
 
 
@@ -36,7 +36,7 @@ def _has_open(process: Path, device: Path) -> bool:
 
 
 def _serves(process: Path, device: Path) -> bool:
-    """Whether the process serves this pseudo-terminal. An emulator keeps both ends open."""
+    """Return whether the process serves this pseudo-terminal. An emulator keeps both ends open."""
     if not is_pseudo_terminal(device):
         return False
     try:

@@ -244,7 +244,7 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
 
 
 def _may_be_serial(path: Path) -> bool:
-    """Whether a path may be a terminal, as far as can be known without opening it."""
+    """Return whether a path may be a terminal. The path is not opened."""
     if not path.is_char_device():
         return False
     number = path.stat().st_rdev

@@ -148,7 +148,7 @@ class ReplyDecoder(Decoder):
         return self._check(pending[at : at + length], replies)
 
     def _plausible(self, size: int) -> bool:
-        """Whether a reply with an accepted data size may be ``size`` bytes long, including stuffed bytes."""
+        """Return whether a reply with an accepted data size may be ``size`` bytes long, including stuffed bytes."""
         data = size - OVERHEAD
         return any(wanted <= data <= wanted + (wanted + 1) // 3 for wanted in (self.data_size, *self.other_sizes, 0))
 

@@ -39,8 +39,8 @@ def actual_of(reading: int, offset: int, turn: int = TURN) -> int:
 def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
     """Return the offset that makes the servo report ``wanted`` when its encoder is at ``actual``.
 
-    The offset always fits the register. Instead of half a turn, which would not fit, the offset is one count less, and
-    the servo reports ``wanted - 1``.
+    The offset always fits the register. An offset of half a turn would not fit. In this case, the offset is one count
+    smaller in magnitude, and the servo reports ``wanted - 1``.
     """
     half = turn // 2
     return max(shortest(wanted, actual, turn), 1 - half)
@@ -67,13 +67,13 @@ class Travel:
 def offset_for_travel(travel: Travel, offset: int, turn: int = TURN) -> int:
     """Return the offset that puts the middle of the travel at half a turn, so that the wrap is outside the travel.
 
-    ``travel`` was measured with ``offset``. Raise ValueError if the travel is too long.
+    ``travel`` was measured with ``offset``. Raises ValueError if the travel is too long.
     """
     # One count must remain free, because the exact offset may not fit the register.
     if travel.span > turn - 2:
         raise ValueError(
-            f"the travel of {travel.span} counts fills the turn of {turn} counts, so the wrap cannot be outside the "
-            "travel"
+            f"the travel of {travel.span} counts is too long: the wrap must be outside it, and one turn has only "
+            f"{turn} counts"
         )
     return new_offset((travel.lower + travel.upper) // 2, offset, turn // 2, turn)
 

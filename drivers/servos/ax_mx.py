@@ -72,8 +72,8 @@ _MX_ONLY: Final = (multi_turn_offset, resolution_divider, d_gain, i_gain, p_gain
 
 # Only some models have these registers.
 drive_mode = Register("drive_mode", 10, 1, persistent=True, values=between(0, 3))  # EX-106+, MX-106
-sensed_current = Register("sensed_current", 56, 2, READ)  # EX-106+: 10 mA, 512 is none
-present_current = Register("present_current", 68, 2)  # MX-64, MX-106: 4.5 mA, 2048 is none
+sensed_current = Register("sensed_current", 56, 2, READ)  # EX-106+: 10 mA, 512 means no current
+present_current = Register("present_current", 68, 2)  # MX-64, MX-106: 4.5 mA, 2048 means no current
 torque_control_mode = Register("torque_control_mode", 70, 1, values=SWITCH)
 goal_torque = Register("goal_torque", 71, 2, values=between(0, 2047))  # 4.5 mA, bit 10 is the direction
 _CURRENT: Final = (present_current, torque_control_mode, goal_torque)

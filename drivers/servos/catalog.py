@@ -67,7 +67,7 @@ def is_added(model: ServoModel) -> bool:
 
 
 def series_of(model: ServoModel) -> Series:
-    """Return the series of a model. Raise ValueError if the model is not in ``MODELS``."""
+    """Return the series of a model. Raises ValueError if the model is not in ``MODELS``."""
     for series in SERIES:
         if series.by_name.get(model.name) == model:
             return series
@@ -92,7 +92,7 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
     """Return the wire protocol of these servos (STS if there are none).
 
-    Raise ValueError if the servos cannot share a bus.
+    Raises ValueError if the servos cannot share a bus.
     """
     spoken: dict[WireProtocol, list[str]] = {}
     for servo_id, model in models.items():

@@ -83,7 +83,8 @@ def _sts_config_error(model: ServoModel, read: Read) -> str | None:
 
 
 def _sts_config_warning(read: Read) -> str | None:
-    """Return a warning instead of an error, because a simulator with an empty table still works."""
+    """Return a warning if the unit of speed is unsuitable. This is not an error, because a simulator with an empty
+    table still works."""
     phase = read(sts.phase)
     if phase & sts.COUNTS_PER_S_PHASE:
         return None

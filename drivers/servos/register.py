@@ -82,7 +82,7 @@ class Register:
         return " or ".join(filter(None, (", ".join(spans[:-1]), spans[-1])))
 
     def takes(self, value: int) -> bool:
-        """Whether the servo accepts a value.
+        """Return whether the servo accepts a value.
 
         Args:
             value: Raw value.

@@ -63,7 +63,7 @@ class StateBlock:
     proof: tuple[int, int] | None = None
 
     def proved(self, numbers: Sequence[int]) -> bool:
-        """Whether the first and the last number prove that the block is intact."""
+        """Return whether the first and the last number prove that the block is intact."""
         return self.proof is None or (numbers[0], numbers[-1]) == self.proof
 
     def decode(self, scale: float | None, error: int, data: bytes) -> ServoState | None:
@@ -141,8 +141,8 @@ class Series:
         return replace(self.torque_enable, size=last.address + last.size - self.torque_enable.address)
 
     def drives(self, state: int, limit: int | None) -> bool:
-        """Whether this torque state means that torque is enabled with this limit. If the limit is None, any limit
-        matches."""
+        """Return whether torque is enabled with this limit, given the value of ``torque_state``. If the limit is None,
+        any limit matches."""
         behind = self.torque_state.size - 2  # offset of the two limit bytes, which come last
         return state & 0xFF == 1 and (behind < 0 or limit is None or state >> 8 * behind == limit)
 

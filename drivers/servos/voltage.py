@@ -56,7 +56,7 @@ def voltage_fault(model: ServoModel, voltage_v: float) -> VoltageFault | None:
     (lowest, highest), (low, high), rated = voltage_range(model), usual_range(model), model.rated_voltage_v
     if voltage_v <= 0.0 or low <= voltage_v <= high:
         return None
-    made = f"has {voltage_v:.1f} V, but a {model.name} is rated for {rated:g} V ({lowest:.1f} to {highest:.1f} V)"
+    made = f"has {voltage_v:.1f} V, but an {model.name} is rated for {rated:g} V ({lowest:.1f} to {highest:.1f} V)"
     other = f"a {rated:g} V supply, or correct the model in the robot file"
     if voltage_v > highest:
         return VoltageFault("over-voltage", f"{made}: switch the supply off now, and connect {other}")

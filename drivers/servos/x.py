@@ -275,7 +275,7 @@ PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
 
 
 def needs_extended_position(homing_offset: int) -> bool:
-    """Whether this homing offset takes effect only in the multi-turn modes.
+    """Return whether this homing offset takes effect only in the multi-turn modes.
 
     Position mode ignores such an offset.
     """

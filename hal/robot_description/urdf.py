@@ -176,7 +176,7 @@ def attribute(element: Element, key: str, owner: str) -> str:
 
 
 def number(element: Element, key: str, name: str, default: float, kind: str = "") -> float:
-    """Return a numeric attribute of a joint. Raise DescriptionError if the number is not finite or not plausible for
+    """Return a numeric attribute of a joint. Raises DescriptionError if the number is not finite or not plausible for
     its type.
 
     Args:

@@ -72,7 +72,8 @@ class JointFile(_Strict):
     metres_per_radian: MetresPerRadian | None = None
     torque_limit: TorqueLimit = 1.0
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
-    """Position P gain of a Dynamixel servo, which keeps the gain in RAM. If None, the gain is not changed."""
+    """Position P gain of a Dynamixel servo, which keeps the gain in RAM. If None, activation writes the factory value,
+    if known."""
     firmware: FirmwareVersion | None = None
     """Firmware version of the virtual servo, a Dynamixel X; by default the usual version. Real servos ignore this
     value.
@@ -224,7 +225,7 @@ def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
     if wrong := homing_mistake(model, joint.homing_offset):
         problems.append(f"{name}: {wrong}")
     if joint.extended and series_of(model) is not X:
-        problems.append(f"{name}: a {joint.model} has no extended position mode: remove `extended`")
+        problems.append(f"{name}: an {joint.model} has no extended position mode: remove `extended`")
     if joint.firmware is not None and series_of(model) is not X:
         problems.append(
             f"{name} has firmware, but only a virtual Dynamixel X has a choice of versions: remove firmware"
@@ -277,7 +278,7 @@ def unprotected(file: RobotFile) -> list[str]:
 def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:
     """Return the robot file with the calibration values applied.
 
-    Raise RobotFileError if the robot file and the calibration contradict each other.
+    Raises RobotFileError if the robot file and the calibration contradict each other.
     """
     problems: list[str] = []
     joints, source = dict(file.joints), compose(path, RobotFileError)
@@ -291,7 +292,7 @@ def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> Ro
         if wrong := homing_mistake(MODELS[joint.model], found.homing_offset):
             problems.append(f"{place}: {name}: {wrong}")
         if found.extended and series_of(MODELS[joint.model]) is not X:
-            problems.append(f"{place}: {name}: a {joint.model} has no extended position mode: remove `extended`")
+            problems.append(f"{place}: {name}: an {joint.model} has no extended position mode: remove `extended`")
         update = found.model_dump(include={"sign", "zero_counts", "homing_offset", "extended"})
         joints[name] = joint.model_copy(update=update)
     if problems:

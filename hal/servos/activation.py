@@ -119,7 +119,7 @@ class Activation:
             states = self._measure_all()
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
-        """Use the measured joint positions as goals. Raise ActivationError if the arm must not hold a position."""
+        """Use the measured joint positions as goals. Raises ActivationError if the arm must not hold a position."""
         states = self._confirmed()
         self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
 

@@ -119,9 +119,9 @@ def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     texts: dict[int, str] = {}
     for i in servo_ids:
         # The first reply after a long silence is counted as late, because it may answer an earlier request. A
-        # connection that loses half of the replies causes several such replies, but an even larger number of timely
-        # replies between them. Late replies also collide with other replies or are mistaken for timely replies, so only
-        # the first attempts are checked for late replies.
+        # connection that loses half of the replies causes several late replies, but even more timely ones. Late
+        # replies also collide with other replies or are mistaken for timely ones, so only the first attempts must
+        # contain neither timely nor corrupt replies.
         late = bus.counters.of(i).late - late_before[i]
         if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: responds too late: {advice}"

@@ -21,8 +21,8 @@ def torque_warning(servos: Collection[str]) -> str:
     Args:
         servos: Names of at least one servo, such as ``elbow_flex (servo 3)``.
     """
-    holds = "holds" if len(servos) == 1 else "hold"
-    return f"{', '.join(servos)} {holds} torque, and the arm may fall when torque is disabled"
+    has = "has" if len(servos) == 1 else "have"
+    return f"{', '.join(servos)} {has} torque enabled, and the arm may fall when torque is disabled"
 
 
 def release_question(servos: Collection[str]) -> str:

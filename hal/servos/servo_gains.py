@@ -73,4 +73,7 @@ def foreign_text(joint: Joint, foreign: Mapping[Register, int]) -> str:
     """Describe the gains that another program has left in a servo, and the values that activation writes."""
     wanted = wanted_gains(joint)
     listed = ", ".join(f"{register.name} {value} (now {wanted[register]})" for register, value in foreign.items())
-    return f"another program has set different gains in its RAM: {listed}. To keep a gain, write it in the robot file"
+    return (
+        f"another program has set different gains in the servo's RAM: {listed}. To keep a gain, write it in the robot "
+        "file"
+    )

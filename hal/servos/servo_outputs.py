@@ -131,7 +131,7 @@ def _input_problems(component: HardwareInfo, joints: Mapping[str, Joint]) -> Ite
         for kind in sensor.interfaces:
             if kind in SERVO_INPUTS and sensor.joint in joints and _register(joints[sensor.joint], kind) is None:
                 model = joints[sensor.joint].model.name
-                yield f"{name}: the servo of {sensor.joint}, a {model}, has no {kind} ({sensor.place}): remove it"
+                yield f"{name}: the servo of {sensor.joint}, an {model}, has no {kind} ({sensor.place}): remove it"
 
 
 def _register(joint: Joint, name: str) -> Register | None:

@@ -33,8 +33,8 @@ SETTLE_S: Final = 0.8
 WEAKEN_S: Final = 0.5
 """Time constant with which the goal moves closer to the joint while the drive is still too high."""
 STRENGTHEN_PER_S: Final = 0.05
-"""Speed at which the goal moves away from the joint while the drive is too low. The unit is the distance at full drive
-per second."""
+"""Speed at which the goal moves away from the joint while the drive is too low. The value is a fraction of the distance
+at full drive, per second."""
 STILL_TURNS: Final = 0.005
 """Maximum motion at which a joint counts as not moving, in turns of the shaft. This margin covers backlash and soft
 fingers."""

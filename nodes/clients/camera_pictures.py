@@ -32,7 +32,7 @@ def subscribe_pictures(node: Node, store: Callable[[int, bytes], None]) -> None:
 
 
 class PictureWatch:
-    """Receive the latest image from the camera node, in its own thread and ROS context."""
+    """Receiver of the latest image from the camera node, with its own thread and ROS context."""
 
     def __init__(self, clock: Clock, namespace: str = "") -> None:
         """Start watching the camera node in a namespace; empty for the root namespace."""

@@ -48,8 +48,8 @@ class TimedController:
 
 
 class TimingClient:
-    """Client that sends goals to a joint trajectory controller, one at a time. The caller's thread must spin
-    ``executor``."""
+    """Client that sends goals to a joint trajectory controller, one at a time. The methods spin ``executor`` in the
+    caller's thread."""
 
     def __init__(
         self,

@@ -31,7 +31,7 @@ class HasInterfaces(Protocol):
 
 class DynamicStates:
     """Publisher of ``dynamic_joint_states``. The publisher fills in its message only if there is a subscriber, because
-    this is slow."""
+    filling it in is slow."""
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller

@@ -131,7 +131,7 @@ def _seconds(stamp: Duration | Time) -> float:
 
 
 def _publish_reason(topic: Publisher, what: str, reason: str) -> None:
-    """Publish why a message was rejected. This is a function because storing a bound method in the client limits would
+    """Publish why a message was rejected. This is a function, because a bound method stored in ``CLIENT_LIMITS`` would
     prevent the node from being freed."""
     topic.publish(String(data=f"{what}: {reason}"))
 

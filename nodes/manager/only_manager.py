@@ -1,4 +1,5 @@
-"""Name of the controller manager, of which only one may run in each namespace. Imports no ROS package."""
+"""Name of the controller manager, of which only one may run in each namespace. This module does not import any ROS
+package."""
 
 from typing import Final
 

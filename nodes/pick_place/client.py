@@ -42,7 +42,8 @@ class PickOutcome:
 
 
 class PickClient:
-    """Client that sends one goal at a time. The caller's thread spins ``executor``, which contains ``node``."""
+    """Client that sends one goal at a time. The methods spin ``executor``, which contains ``node``, in the caller's
+    thread."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, action: str = ACTION) -> None:
         self.action = node.resolve_service_name(action)

@@ -17,7 +17,8 @@ _SPIN_S: Final = 0.05
 
 
 class Homing:
-    """Homing motion through the controllers of the arm and the hand. The caller's thread spins ``executor``."""
+    """Homing motion through the controllers of the arm and the hand. ``home`` spins ``executor`` in the caller's
+    thread."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, settings: JobSettings) -> None:
         self._settings = settings

@@ -84,7 +84,7 @@ class PlannedArm:
         return await self._change(messages.laid(self._settings))
 
     async def attach_object(self) -> JobOutcome:
-        """Attach the object to the tool at the position in which it is gripped at the pick pose."""
+        """Attach the object to the tool at its position before picking, where the tool grips it in the pick pose."""
         return await self._change(messages.attached(self._settings))
 
     async def remove_object(self) -> JobOutcome:

@@ -32,9 +32,9 @@ class Waiter:
         return await self._until(timeout_s, self._steady, *futures)
 
     async def until_ready(self, timeout_s: float, ready: Callable[[], bool], stop: Future) -> bool:
-        """Wait up to ``timeout_s`` until ``ready`` returns true, and return the last value that it returned.
-
-        A request to a server that is not connected yet is lost. The wait also ends when ``stop`` is done.
+        """Wait up to ``timeout_s`` until ``ready`` returns true, and return the last value that it returned. Use this
+        method before a request, because a request to a server that is not connected yet is lost. The wait also ends
+        when ``stop`` is done.
         """
         for _ in range(round(timeout_s / _POLL_S)):
             if ready() or stop.done():

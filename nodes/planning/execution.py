@@ -52,7 +52,7 @@ class Running:
 
 
 class Execution:
-    """Executes trajectories. Motions of different controllers may run at the same time."""
+    """Executor of trajectories. Motions of different controllers may run at the same time."""
 
     def __init__(self, node: Node, robot: PlanningRobot, store: WorldStore, workers: Workers) -> None:
         self._node = node
@@ -189,7 +189,9 @@ class Execution:
         if must_be_free:
             raise RequestError(INVALIDATED, f"the scene has changed, and {text}: the arm has not moved")
         running.is_monitored = False
-        self._log.warning(printable_line(f"on the trajectory, {text}: scene changes will not stop this motion"))
+        self._log.warning(
+            printable_line(f"{text} on this trajectory, so the motion is not monitored: scene changes will not stop it")
+        )
 
     def _check_all(self) -> None:
         """Check the remainder of each motion against the changed scene."""

@@ -21,7 +21,7 @@ OTHER: Final = (
     "another node is named {}, so MoveIt or another servoloop plan-server is running. "
     "Stop that program first, because both programs would move the arm"
 )
-"""Message to show if the ROS graph contains another server with the name in the braces."""
+"""Message to show if the ROS graph contains another server. The name of that server replaces the braces."""
 
 
 @dataclass(frozen=True, slots=True)

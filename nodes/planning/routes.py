@@ -1,4 +1,4 @@
-"""Controllers of a stack, and the joints that they move. Imports no ROS package."""
+"""Controllers of a stack, and the joints that they move. This module does not import any ROS package."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,7 @@
 """Limit the size of messages and the rate of goals that this process accepts from clients.
 
-Messages that exceed the limits are rejected before conversion to Python, which costs only a fraction of the time for
-reading and planning.
+Messages that exceed the limits are rejected before conversion to Python. A rejection takes only a fraction of the time
+needed to read the message and plan.
 """
 
 import logging

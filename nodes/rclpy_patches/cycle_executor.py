@@ -206,7 +206,7 @@ _TAKES: Final = ("subscription", "guard_condition", "timer", "client", "service"
 _HANDLER: Final = ("self", "entity", "node", "take_from_wait_list")
 _WAIT_SET: Final = ("clear_entities", "wait", "get_ready_entities", *(f"add_{name}" for name in _TAKES[:-1]))
 _SIZES: Final = 6
-"""Number of size arguments of a wait set, which precede the context."""
+"""Number of size arguments that the constructor of a wait set takes before the context."""
 
 
 def _differences() -> Iterable[str]:

@@ -64,7 +64,7 @@ class HostNode:
     def publish(self, state: JointState, stamp: Time) -> None:
         """Publish the states of all joints, or nothing if a joint was not measured in this cycle.
 
-        The plugin does not check the age of a state. The plugin keeps using the last message.
+        The plugin does not check the age of a state, so it keeps using the last message.
         """
         self._state = state
         states = self._broadcaster.sample(state)

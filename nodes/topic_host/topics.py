@@ -9,7 +9,7 @@ OTHER: Final = (
     "another node is named {}, so the commands of ros2_control would move the arms of both nodes: stop the other "
     "topic-host, or choose another --namespace or another ROS_DOMAIN_ID for this topic-host"
 )
-"""Message to show if the ROS graph contains another node with the name in the braces."""
+"""Message to show if the ROS graph contains another node with the same name. The braces are replaced by that name."""
 STATES = "robot_joint_states"
 """Default state topic of ros2_control's JointStateTopicSystem."""
 COMMANDS = "robot_joint_commands"

@@ -55,7 +55,7 @@ def _sampled(relative: Pixels, places: FloatArray) -> FloatArray:
 
 
 def _crossing(shares: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the outermost offset (n,) up to which the fraction (n, m) of the inner color exceeds one half."""
+    """Return the outermost offset (n,) at which the fraction (n, m) of the inner color falls to one half."""
     above = shares > 0.5
     last = shares.shape[1] - 1 - np.argmax(above[:, ::-1], axis=1)
     last = np.clip(last, 0, shares.shape[1] - 2)

@@ -60,7 +60,8 @@ def relative_to_table(picture: Picture, region: NDArray[np.bool_] | None = None)
 
 
 def _largest(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the largest value (n,) of each pixel (n, 3). In NumPy, a maximum over three values takes far longer."""
+    """Return the largest value (n,) of each pixel (n, 3). This is much faster than NumPy's ``max`` over an axis of
+    three values."""
     largest: NDArray[Any] = np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
     return largest
 

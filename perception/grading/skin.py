@@ -43,8 +43,8 @@ MOSTLY: Final = 0.6
 YELLOW: Final = 0.22
 """Minimum median brightness at which such an apple is considered yellow."""
 LEAST_SOUND: Final = 0.4
-"""Minimum fraction of the red (or green) pixels that must not be brown for the brightness of these pixels to be
-used."""
+"""Minimum fraction of the red (or green) pixels that are not brown. If the fraction is smaller, the brightness of these
+pixels is not used."""
 ROUNDS: Final = 6
 MOST_POINTS: Final = 800
 """Minimum number of sampled pixels for estimating the brightness of healthy skin. If there are fewer pixels, all of

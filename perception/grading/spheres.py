@@ -37,7 +37,7 @@ OFF_ELLIPSE: Final = 0.025
 """Distance from an ellipse within which points belong to the ellipse, as a fraction of its radius."""
 PARTS: Final = 12
 PART: Final = 5
-"""Number of overlapping parts of an outline, and their length. Each part contains 5 of 12 of the points."""
+"""Number of overlapping parts of an outline, and their length. Each part contains 5/12 of the points."""
 START_POINTS: Final = 60
 """Number of points that are used to choose the initial circle of a fit."""
 SECTORS: Final = 36

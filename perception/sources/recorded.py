@@ -27,7 +27,7 @@ class RecordedSource:
 
         Args:
             path: A video, an image, or a folder of images, which are played in name order.
-            clock: Clock of the stamps.
+            clock: Clock for the timestamps.
         """
         self._path, self._clock = path, clock
         self._pictures: Iterator[Picture] = iter(())

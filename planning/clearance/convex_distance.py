@@ -48,8 +48,7 @@ def support(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) 
 
 @compiled
 def _nearest(corners: Any, count: int, weights: Any) -> bool:
-    """Also writes the weights of the corners. Return whether the corners form a tetrahedron that contains the
-    origin."""
+    """Write the weights of the corners, and return whether the corners form a tetrahedron that contains the origin."""
     if count == 1:
         weights[0] = 1.0
     elif count == 2:

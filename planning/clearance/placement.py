@@ -30,15 +30,15 @@ class Placement(NamedTuple):
     unit_pos: FloatArray
     """Center of the sphere around each unit (u, 3)."""
     rate: FloatArray
-    """Scratch space: maximum speed of each unit caused by the last joints of its chain (u, c + 1)."""
+    """Scratch space: maximum speed of each unit caused by the joints from each chain index to the end (u, c + 1)."""
     geom_rate: FloatArray
-    """Scratch space: maximum speed of each geom caused by the last joints of its chain (g, c + 1), with 0 for geoms of
-    the world.
+    """Scratch space: maximum speed of each geom caused by the joints from each chain index to the end (g, c + 1). It is
+    0 for geoms of the world.
     """
     rated: Any
     """Scratch space: whether ``geom_rate`` is up to date for each unit (u,)."""
     bend: FloatArray
-    """Scratch space: rate of increase of each unit's speed (u,)."""
+    """Scratch space: rate at which the speed bound of each unit grows (u,)."""
     curve: FloatArray
     """Scratch space: maximum acceleration of each unit (u,)."""
     signed: FloatArray

@@ -30,7 +30,8 @@ def _reach(now: Placement, joint: int, x: float, y: float, z: float) -> float:
 
 @compiled
 def set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
-    """Write the maximum speed of each unit that is caused by the joints of its chain from each joint onward."""
+    """For each joint in a unit's chain, write the maximum speed of the unit caused by this joint and all later
+    joints."""
     centers, radii, slides = now.unit_pos, pairs.unit_swing, chains.slides
     for unit in range(len(pairs.frame)):
         link = pairs.frame[unit]
@@ -50,7 +51,8 @@ def set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: An
 
 @compiled
 def set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, unit: int) -> None:
-    """Write the maximum speed of each geom of a unit that is caused by the last joints of its chain."""
+    """For each joint in a unit's chain, write the maximum speed of each geom caused by this joint and all later
+    joints."""
     geoms, link, slides, rates = now.geoms, pairs.frame[unit], chains.slides, now.geom_rate
     now.rated[unit] = True
     for geom in range(pairs.first_geom[unit], pairs.first_geom[unit + 1]):
@@ -66,7 +68,8 @@ def set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speed
 
 @compiled
 def set_bends(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
-    """Write the maximum increase of each unit's speed, and its maximum acceleration. Both values hold in every pose."""
+    """Write the maximum rate at which each unit's speed bound grows, and the unit's maximum acceleration. Both values
+    hold in every pose."""
     straight = True
     for i in range(len(chains.follower)):
         for power in range(2, 5):

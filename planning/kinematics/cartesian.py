@@ -116,7 +116,8 @@ def tool_path(
 
 
 def _points(start: ToolPose, waypoints: Sequence[ToolPose], steps: Steps) -> Iterator[tuple[ToolPose, float]]:
-    """Yield the points of the path, each with the fraction of the path completed so far. Raise GoalError."""
+    """Yield the points of the path, each with the fraction of the path completed so far. Raises GoalError if there are
+    no waypoints, a waypoint is invalid, or the path has too many steps."""
     if not waypoints:
         raise invalid("the path has no waypoints: send at least one pose")
     poses = [start, *(checked_pose(pose.position_m, pose.quaternion_xyzw) for pose in waypoints)]
@@ -166,7 +167,7 @@ def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> 
     if reached:
         return " and ".join(reached)
     distance_m, angle_rad = goal.distances(tool)[0].tolist()
-    return f"the arm cannot follow the line: {chain.tool} comes only within {distance_m:.4f} m and {angle_rad:.3f} rad"
+    return f"the arm cannot follow the line: {chain.tool} stays {distance_m:.4f} m and {angle_rad:.3f} rad away from it"
 
 
 def _jump(chain: Chain, before: FloatArray, after: FloatArray, steps: Steps) -> str:
@@ -186,5 +187,5 @@ def _without_relative_jump(path: ToolPath, shares: Sequence[float], factor: floa
         return path
     end = int(jumps[0])
     multiple = moved[end] / moved.mean()
-    reason = f"the joints jump by {multiple:.1f} times the mean step, above the factor {factor:g}"
+    reason = f"the joints jump by {multiple:.1f} times the mean step, but the jump threshold is {factor:g}"
     return ToolPath(path.positions[: end + 1], shares[end], reason)

@@ -158,7 +158,8 @@ class Chain:
 
 
 def moved_by(model: Any, joints: Sequence[str], tool: str) -> tuple[str, ...]:
-    """Return the joints in ``joints`` that move a body or a site of the model. Raise PlanningError."""
+    """Return the joints in ``joints`` that move a body or a site of the model. Raises PlanningError if a name is not in
+    the model, or a joint is neither a hinge nor a slide."""
     path = _ancestors(model, _tool_body(model, tool))
     return tuple(name for name, joint in _joints(model, joints).items() if int(model.jnt_bodyid[joint]) in path)
 
@@ -218,7 +219,8 @@ def _joints(model: Any, names: Iterable[str]) -> dict[str, int]:
 
 
 def _tool_body(model: Any, tool: str) -> int:
-    """Return the body that is the tool or carries the tool's site. Raise PlanningError."""
+    """Return the body that is the tool or carries the tool's site. Raises PlanningError if the model has no such body
+    or site."""
     body, site = _index(model, "body", tool), _index(model, "site", tool)
     if max(body, site) < 0:
         names = _listed(model, "body", "site")

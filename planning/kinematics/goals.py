@@ -105,7 +105,7 @@ class PositionSphere:
     radius_m: float
 
     def check(self) -> None:
-        """Raises GoalError if the region has no size."""
+        """Check the region. Raises GoalError if the region has no size."""
         _check_tolerance(self.radius_m, "position tolerance", " m")
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
@@ -139,7 +139,7 @@ class PositionBox:
     """Orientation of the box in the base link frame."""
 
     def check(self) -> None:
-        """Raises GoalError if an edge has no length, or if the orientation is invalid."""
+        """Check the region. Raises GoalError if an edge has no length, or if the orientation is invalid."""
         for axis, size in zip("xyz", self.size_m, strict=True):
             _check_tolerance(size, f"size of the position region along {axis}", " m")
         checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw)
@@ -223,7 +223,7 @@ class PoseGoal:
         return self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
 
     def _are_euler(self, share: float) -> bool:
-        """Whether to use Euler angles. For the pose itself (share 0), rotation vectors are more direct."""
+        """Return whether to use Euler angles. For the pose itself (share 0), rotation vectors are more direct."""
         return self.angles == "xyz_euler" and (share > 0.0 or bool(self._free.any()))
 
     def _angles(self, tools: FloatArray, share: float) -> FloatArray:

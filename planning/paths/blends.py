@@ -40,7 +40,7 @@ class Corner:
     after: FloatArray
     """Direction of the line after the corner, as a unit vector (n,)."""
     half: float
-    """Length of each line that the blend replaces on its side of the corner, in rad."""
+    """Length that the blend replaces on the line at each side of the corner, in rad."""
 
     def sag(self, length: float) -> FloatArray:
         """Return the maximum distance (n,) of each joint from a chord of the given length on the blend, in rad or m.

@@ -20,7 +20,8 @@ from planning.paths.timing import PERIOD_S, Caps, TimedPath, ramp_of
 CORNER_RAD: Final = 0.3
 """Minimum angle between two edges in joint space at which a point is considered a corner."""
 SHARES: Final = (0.5, 1.0 / 3.0)
-"""Fractions of the acceleration limit for each of its two terms, and of the jerk limit for each of its three terms."""
+"""Maximum size of each acceleration term and of each jerk term, as a fraction of the limit. The acceleration has two
+terms, and the jerk has three."""
 TINY: Final = 1e-9
 """Lower bound for a derivative, so that a joint at rest does not limit the motion."""
 
@@ -98,7 +99,8 @@ def timed_smoothly(
 
 
 def _along(spline: Spline, limits: Sequence[JointLimits]) -> tuple[TimedPath, FloatArray]:
-    """Return a trajectory along a spline that starts and ends at rest, and the sag of each chord (k - 1, n)."""
+    """Return a trajectory along a spline that starts and ends at rest, and the maximum distance of the spline from each
+    chord (k - 1, n)."""
     ramp = ramp_of(0.0, 0.0, float(spline.lengths[-1]), _caps(spline, limits))
     times_s = np.append(np.arange(0.0, ramp.duration - PERIOD_S / 2.0, PERIOD_S), ramp.duration)
     along, speeds, gains = np.array([[float(np.ravel(value)[0]) for value in ramp.at_time(at_s)] for at_s in times_s]).T

@@ -48,7 +48,7 @@ class TimedPath:
         return float(self.times_s[-1])
 
     def since(self, from_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return the times (k,) and positions (k, n) of the part after ``from_s``, in seconds. k is at least 2."""
+        """Return the times (k,), in seconds, and the positions (k, n) of the part after ``from_s``. k is at least 2."""
         at_s = min(max(from_s, 0.0), self.duration_s)
         first = np.array([np.interp(at_s, self.times_s, column) for column in self.positions.T])
         later = self.times_s > at_s
@@ -141,7 +141,8 @@ def timed(
 def _along(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
 ) -> tuple[TimedPath, list[FloatArray | None]]:
-    """Return a trajectory along a path with these inner corners, and the sag of each of its chords (n,)."""
+    """Return a trajectory along a path with these inner corners, and the maximum distance of each joint from each chord
+    (n,)."""
     lines, lengths, caps = _lines(path, corners, limits)
     speeds = _speeds(corners, lengths, caps, limits)
     pieces = _pieces(corners, speeds, lengths, caps)

@@ -48,7 +48,7 @@ class Freedrive:
         self._faults: Mapping[str, JointFault] = {}
         """Joints that were not measured in the last cycle."""
         self.open = False
-        """Whether the joints can be moved by hand, or will be shortly."""
+        """Whether a person can move the joints by hand now or shortly."""
 
     @property
     def free(self) -> bool:

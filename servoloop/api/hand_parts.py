@@ -68,10 +68,10 @@ class ForwardPart:
     times_s: FloatArray
     """Times (k,) of the points since the start of the motion, beginning with 0, in seconds."""
     positions: FloatArray
-    """Points (k, n) in the order of the controller's joints, in rad or m. NaN where a joint rests, or stops if it is
-    moving."""
+    """Points (k, n) in the order of the controller's joints, in rad or m. The value is NaN for a joint that stays at
+    rest, or that stops if it is moving."""
     held: FloatArray
-    """Commanded positions (n,) of the controller's joints, for joints without a command from the controller."""
+    """Commanded positions (n,) of the controller's joints, used for joints that the controller does not command."""
     access: ControllerAccess
     sent_last: bool = False
     """Whether the last point has been sent."""
@@ -100,7 +100,9 @@ class ForwardPart:
         if not self.start.due(now_s):
             return
         if not self.sent_last:
-            if np.isnan(self.positions).any():  # Joints move on until the first message, and stop from there.
+            if np.isnan(
+                self.positions
+            ).any():  # Joints without a target keep moving until the first message, which brings them to rest.
                 rest = self.controller.rest(self.access.period_s)
                 rest = np.where(np.isfinite(rest), rest, self.held)
                 self.positions = np.where(np.isnan(self.positions), rest, self.positions)

@@ -59,8 +59,8 @@ class Takeover:
             LOG.error("the controllers that were active before %s cannot be activated again: %s", self._name, error)
 
     def _before_end(self) -> None:
-        """Return the joints when the program ends, because only the previous controllers can relieve joints that press
-        against an obstacle."""
+        """Give the joints back to the previous controllers when the program ends. Only those controllers can relieve
+        joints that press against an obstacle."""
         if self.active:
             self.give_back()
 

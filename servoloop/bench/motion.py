@@ -71,7 +71,7 @@ def _way(position: float, limits: JointLimits) -> float:
 
 
 def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> float:
-    """Return a duration for a motion that keeps it well within the velocity limits, in seconds."""
+    """Return a duration, in seconds, that keeps a motion well within the velocity limits."""
     return 0.6 + max(1.4 * abs(position - start[joint]) / limits[joint].velocity for joint, position in end.items())
 
 

@@ -210,7 +210,7 @@ def _lost_seed(scenario: Scenario, seed: int, loss: Loss) -> RunReport:
 
 
 def _until_killed_in_a_row(reports: Generator[RunReport, None, None]) -> Iterator[RunReport]:
-    """Yield the reports. Raise WorkerError after ``KILLED_IN_A_ROW`` consecutive seeds whose processes were killed."""
+    """Yield the reports. Raises WorkerError after ``KILLED_IN_A_ROW`` consecutive seeds whose processes were killed."""
     in_a_row = 0
     with closing(reports):
         for report in reports:

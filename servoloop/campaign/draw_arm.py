@@ -1,5 +1,5 @@
-"""Draw how an arm differs from its files: a joint outside its limits or a servo with a different setting at the start,
-or a hand that stops as if it held an object."""
+"""Draw random differences between an arm and its files. A joint is outside its limits, a servo has a different setting
+at the start, or a hand stops as if it held an object."""
 
 from collections.abc import Mapping, Sequence
 from random import Random
@@ -53,8 +53,7 @@ def draw_limits(
 
 
 def _ranges(limit: JointLimits, position: float, outside: float) -> list[tuple[float, float]]:
-    """Return the two ranges for which a position is above or below the range by ``outside``, a fraction of the
-    range."""
+    """Return up to two ranges that a position exceeds, above or below, by the fraction ``outside`` of the range."""
     lower, upper = limit.lower, limit.upper
     most = NARROWEST * (upper - lower)
     below = (lower, lower + (position - lower) / (1.0 + outside))

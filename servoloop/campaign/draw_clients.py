@@ -31,7 +31,7 @@ ANYWHERE: Final = 0.3
 """Fraction of goals with positions anywhere within the limits. Many of these goals press the arm against the table or
 against itself."""
 AT_LIMIT: Final = 0.3
-"""Fraction of positions exactly at a limit, in goals anywhere within the limits."""
+"""Fraction of positions that are exactly at a limit, in goals with positions anywhere within the limits."""
 NEAR: Final = 0.3
 """Largest position in goals near zero, as a fraction of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
@@ -51,7 +51,7 @@ INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "cancel", "r
 DURING_HAND_MOTION: Final = 0.6
 """Fraction of the hand's motions during which the client sends a goal for the arm. Such a goal waits for the hand."""
 HAND_MOVES_S: Final = 0.4
-"""Time after the start of a motion of the hand in which this goal is sent, in seconds."""
+"""Maximum time from the start of a hand motion until the client sends this goal for the arm, in seconds."""
 CANCELED_SOON: Final = 0.2
 """Fraction of goals for the arm that are canceled soon after they were sent. Half of these cancels follow at once, and
 half while the goal may still wait for the hand."""
@@ -109,7 +109,7 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
 def _extend(
     random: Random, kind: str, joints: Mapping[str, JointLimits], acts: list[Act], times_s: tuple[float, float]
 ) -> float:
-    """Append the actions that follow soon after the latest action, and return the time from which the next pause lasts.
+    """Append the actions that follow soon after the latest action, and return the time at which the next pause starts.
 
     ``times_s`` contains the time of the latest action and the time within which the actions begin, in seconds.
     """

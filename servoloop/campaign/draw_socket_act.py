@@ -22,7 +22,8 @@ REQUESTS: Final = (
     *("take", "seize", "release", "stop", "cancel", "state"),
     *("freedrive", "freedrive", "freedrive", "freedrive_end"),
 )
-"""Requests of a program. Freedrive is drawn more often, because only an interrupted freedrive shows whether it ends."""
+"""Requests of a program. Freedrive is drawn more often, because only an interrupted freedrive tests whether the stack
+ends freedrive."""
 
 
 def draw_socket_act(random: Random, positions: dict[str, float], at_s: float) -> Act:

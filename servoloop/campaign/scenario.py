@@ -56,7 +56,7 @@ class Scenario(BaseModel):
     within_s: Duration = 10.0
     """Latest start of a fault, in seconds after the stack is up. Without jobs, it must not exceed ``seconds``."""
     kinds: OneOrMore[str] | None = None
-    """Kinds of faults. If None, all types that are possible on the arm."""
+    """Kinds of faults. If None, all kinds that are possible on the arm are used."""
     promises: Promises = Promises()
     """Conditions that the campaign must check and visits that must occur for the campaign to pass."""
 

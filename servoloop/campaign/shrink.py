@@ -21,7 +21,7 @@ Violated = Callable[[Schedule], set[str]]
 ROUND_S = (1.0, 0.1, 0.01)
 """Steps to which the times of faults are rounded, in seconds, coarsest first."""
 SECONDS = (1.0, 3.0, 5.0)
-"""Candidates for a shorter time that the stack keeps running, in seconds."""
+"""Shorter durations to try for the time that the stack keeps running, in seconds."""
 LAST: Final = {NO_HANG, NOT_KILLED}
 """Violations that end the search, because further runs would probably also hang or be killed."""
 
@@ -51,7 +51,8 @@ def violated(schedule: Schedule) -> set[str]:
 
 @contextmanager
 def violated_apart() -> Iterator[Violated]:
-    """Yield a ``violated`` that uses a separate process, so that killing a run ends only that process."""
+    """Yield a function like ``violated`` that runs schedules in a separate process, so that killing a run ends only
+    that process."""
     supervisor = Supervisor()
 
     def names(schedule: Schedule) -> set[str]:

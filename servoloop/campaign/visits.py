@@ -18,7 +18,7 @@ NO_SERVO: Final = "none"
 """Servo make given for a fault that affects the machine or a program instead of a servo."""
 
 JOB: Final = "job"
-"""Client of a visit before the first action of any other client."""
+"""Client name for visits that occur before any other client performs its first action."""
 
 
 class Visit(NamedTuple):

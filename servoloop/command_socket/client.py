@@ -26,8 +26,8 @@ COMMANDS: Final = ("goal", "grip", "set_point", "move", "targets")
 class CommandClient:
     """Connection to the command socket of a stack. Any thread may call each method.
 
-    Every method raises CommandError. The error type is the one that the stack has sent, ``timeout`` if the stack does
-    not reply in time, or ``ended`` if the connection is lost.
+    If a method fails, it raises CommandError. The error type is the one that the stack has sent, ``timeout`` if the
+    stack does not reply in time, or ``ended`` if the connection is lost.
     """
 
     def __init__(self, stack: RunningStack, name: str = "") -> None:

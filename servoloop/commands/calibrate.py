@@ -201,7 +201,9 @@ def _connected(found: "Mapping[str, Mapping[str, Any]]") -> str:
     return f"connected{every}: {', '.join(names)}"
 
 
-app = typer.Typer(no_args_is_help=True, help="Show an arm's calibration, or exchange it with LeRobot.")
+app = typer.Typer(
+    no_args_is_help=True, help="Show an arm's calibration, import it from LeRobot, or export it to LeRobot."
+)
 LerobotArgument = Annotated[Path, typer.Argument(help="LeRobot calibration file (JSON).")]
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 NO_VIOLATION = "no invariant was violated"
-NOT_EXAMINED = "Run more seeds, or list the conditions that the campaign must examine under `promises` in the scenario."
+NOT_EXAMINED = "Run more seeds, or set `promises` in the scenario to the conditions that the campaign must examine."
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,7 +84,8 @@ def doctor(
 
 
 def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "Move":
-    """Return the motion test, which can be stopped by signals. If there are no signals, return an empty test."""
+    """Return the motion test, which can be stopped by signals. If ``signals`` is None, return a test that does not move
+    any joint."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort
     from hal.compensation.gravity import Gravity

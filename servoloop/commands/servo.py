@@ -244,7 +244,7 @@ def write(
             return
         if switch:
             on = value_to_write(servo, name, value)
-            effect = "holds its position, with torque enabled" if on else "disables its torque and drops its load"
+            effect = "will hold its position with torque enabled" if on else "will disable its torque and drop its load"
             confirm(f"servo {at.servo_id} {effect}: continue?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:

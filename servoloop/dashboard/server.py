@@ -1,6 +1,7 @@
 """Web server of the page.
 
-The server serves only this machine, or other machines that have a token, and rejects requests from other sites.
+The server accepts only browsers on this machine or, with a token, browsers on other machines. It rejects requests from
+other sites.
 """
 
 import contextlib

@@ -133,7 +133,7 @@ class Sorter:
         return False
 
     def _is_stuck(self) -> bool:
-        """Whether the latest job has failed and no other job has followed for ``STUCK_S``."""
+        """Return whether the latest job has failed and no other job has followed for ``STUCK_S``."""
         newest = self._monitor.jobs[-1] if self._monitor.jobs else None
         if newest is None or not newest.ended or newest.success:
             self._failed = None

@@ -23,7 +23,8 @@ ALWAYS: Final = 0.95
 MoveIt's setup assistant uses the same value.
 """
 OFTEN: Final = 0.05
-"""Minimum fraction of poses in which a pair of links that never touches must be close to count as near by design."""
+"""Minimum fraction of poses in which two links must be near each other to count as near by design, although they never
+touch."""
 
 Pair = tuple[str, str]
 

@@ -84,7 +84,7 @@ def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encod
         return
     except Exception as error:  # each compression format raises its own errors for damaged data
         if file is not None:
-            LOG.warning("%s is damaged and is read only up to the damage: %s", file, error)
+            LOG.warning("%s is damaged; only the part before the damage is used: %s", file, error)
 
 
 def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:

@@ -232,7 +232,8 @@ class _LiveRecording:
 
 
 def _without_past_goals(cycle: Sequence[Encoded]) -> list[Encoded]:
-    """Return the first cycle without goals that ended earlier. The feed sends these goals to every new viewer."""
+    """Return the messages of the first cycle, except for goals that ended before it. The feed sends such goals to every
+    new viewer."""
     begun_ns = next((message.log_time for _, channel, message in cycle if channel.topic == STATES), 0)
     past = [channel.topic for _, channel, message in cycle if message.log_time < begun_ns]
     ended = {topic.removesuffix(RESULT) for topic in past if topic.endswith(RESULT)}

@@ -103,7 +103,8 @@ class Reactivate(_Act):
     relax: bool = False
     """Whether the deactivation disables the torque."""
     push: Share = 0.0
-    """Effort of the hand, as a fraction of a strong pull. A negative value pushes toward smaller positions."""
+    """Effort with which a person pushes the joints, as a fraction of the maximum effort. A negative value pushes toward
+    smaller positions."""
 
 
 class Jog(_Act):

@@ -19,7 +19,9 @@ ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servolo
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
 UrdfOption = Annotated[
     Path | None,
-    typer.Option("--urdf", help="URDF file to use instead of the arm's own. A name that ends in .xacro is expanded."),
+    typer.Option(
+        "--urdf", help="URDF file to use instead of the arm's own. A file whose name ends in .xacro is expanded."
+    ),
 ]
 XacroOption = Annotated[
     list[str] | None,

@@ -84,7 +84,7 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
             if baud not in values:
                 known = ", ".join(map(str, sorted(values)))
                 raise RobotFileError(
-                    f"{joint.name}: a {joint.model.name} supports {known} baud, not {baud}: change `baud`"
+                    f"{joint.name}: an {joint.model.name} supports {known} baud, not {baud}: change `baud`"
                 )
             registers, servo = persistent_registers(joint.model), line.servo(joint.servo_id)
             for name, value in {"baud_rate": values[baud], **dict(joint.settings)}.items():

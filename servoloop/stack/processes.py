@@ -157,9 +157,9 @@ def realtime_priority(priority: int = LOOP_PRIORITY) -> Iterator[None]:
     for programs with long computations before or after their real-time part. If they ran at real-time priority, these
     computations would block the loops of other programs. Threads that start in the context keep its priority.
 
-    ``PRIORITY`` is too low if the real-time part runs in the calling thread. At that priority, the program would share
-    the processor in time slices of 0.1 s with stacks that are starting. Servos whose replies are read that late are
-    considered lost.
+    Do not pass ``PRIORITY`` if the real-time part runs in the calling thread. The program would then share the
+    processor with starting stacks, in time slices of 0.1 s. Servos would count as lost, because their replies would be
+    read up to 0.1 s late.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     claim_realtime_priority(priority)

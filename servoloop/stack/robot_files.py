@@ -209,7 +209,8 @@ def _robot(path: Path, description: Description, component: HardwareInfo) -> Rob
 
 
 def _place(file: YamlFile, mistake: str) -> str:
-    """Return the file and line of an error whose message begins with a joint name or the keys of a value."""
+    """Return the file and line to which an error message refers. The message must begin with a joint name or with the
+    keys of a value."""
     keys = mistake.split(maxsplit=1)[0].rstrip(":").split(".")
     return file.place(("joints", *keys) if keys[0] != "park" else keys)
 

@@ -17,7 +17,7 @@ class RosInterface(Protocol):
     """
 
     def post(self, state: JointState) -> None:
-        """Pass on a completed cycle without blocking."""
+        """Hand over the state of a completed cycle for publication, without blocking."""
         ...
 
     def wake(self) -> None:

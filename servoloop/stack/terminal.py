@@ -173,7 +173,8 @@ def _flush() -> None:
 def _takes_output() -> bool:
     """Return whether stdout is writable.
 
-    The function writes an empty line, because Python discards data that it failed to write.
+    The function tests this by writing an empty line. A second flush would not show the error, because Python discards
+    data that it failed to write.
     """
     try:
         os.write(sys.stdout.fileno(), b"\n")

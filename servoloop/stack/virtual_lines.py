@@ -29,7 +29,7 @@ class VirtualLines:
 
         Args:
             files: Files of the robot.
-            build: Build of the virtual servos.
+            build: Backlash, random seeds and other options of the virtual arm.
             start: Initial joint positions, in rad or m. If None, the servos hold the positions of the scene until they
                 are driven.
             on_step: Function called after each physics step.

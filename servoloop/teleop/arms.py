@@ -169,8 +169,8 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
     """Map each follower joint to the leader joint with the same name.
 
-    A hand follows the leader's trigger as a fraction of the range. All other joints follow the angle of the
-    corresponding leader joint. Raises TeleopError if the leader lacks a joint.
+    The follower's hand moves to the same fraction of its range as the leader's trigger. All other joints follow the
+    angle of the corresponding leader joint. Raises TeleopError if the leader lacks a joint.
     """
     leaders = {joint.name: joint for joint in leader.robot.joints}
     if missing := [joint.name for joint in follower.robot.joints if joint.name not in leaders]:

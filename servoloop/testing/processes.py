@@ -42,8 +42,8 @@ def free_domain() -> Iterator[int]:
 
 @contextmanager
 def own_domain(settings: Mapping[str, str]) -> Iterator[int]:
-    """Set the environment to a free ROS domain that is limited to this computer, and to ``settings``, until the context
-    exits."""
+    """Set environment variables until the context exits: a free ROS domain that is limited to this computer, and
+    ``settings``."""
     with free_domain() as domain:
         environment = {"ROS_DOMAIN_ID": str(domain), **settings}
         stay_on_this_machine(environment)

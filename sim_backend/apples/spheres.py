@@ -44,7 +44,8 @@ def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
 
 
 def apple_of_tray(seed: int, number: int, diameters_mm: tuple[float, float]) -> Apple:
-    """Return one apple from a tray. Apples are numbered from 0. In the simulated world, the apples are spheres."""
+    """Return the apple with this number, counted from 0. The seed defines the sequence of apples. The height equals the
+    diameter, because apples are spheres in the simulated world."""
     return replace(draw_apple(seed * 1_000_003 + number, diameters_mm), height=1.0)
 
 

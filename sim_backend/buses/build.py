@@ -21,7 +21,7 @@ class Build:
     practice_seed: int | None = None
     """Random seed for the servo zeros and directions; None to use those of the robot file.
 
-    An emulator with this seed leaves the table empty, because its arm is meant to be calibrated."""
+    With this seed, an emulator places no stand, bins or cube on the table, because the arm must be calibrated first."""
     in_box: bool = False
     """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 
@@ -44,4 +44,4 @@ class Build:
 
 
 NOMINAL_BUILD: Final = Build()
-"""Build whose servos match their data sheets."""
+"""Options of a nominal arm, whose servos match their data sheets."""

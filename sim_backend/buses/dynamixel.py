@@ -49,7 +49,7 @@ _ID_AT: Final = 4
 class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
     """A bus with X series and XL-320 servos.
 
-    Times are on the caller's clock. The rig's time starts at the first call.
+    Times are on the caller's clock. The simulated time of the servos starts at the first call.
     """
 
     def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:

@@ -47,7 +47,7 @@ _LONGEST_ENTRY = 125
 class VirtualBus(ServoLine[PacketServo]):
     """A bus of servos that share a packet format.
 
-    Times are on the caller's clock. The time of the rig starts at the first call.
+    Times are on the caller's clock. The simulated time of the servos starts at the first call.
     """
 
     def __init__(self, rig: Rig[PacketServo], *, paced: bool = True) -> None:
@@ -72,9 +72,9 @@ class VirtualBus(ServoLine[PacketServo]):
         """Create a bus with one new servo for each coupling of ``plant``. ``model`` is the model of all servos, or a
         mapping from ID to model.
 
-        All servos are set up for 1 Mbit/s and no return delay. STS servos have the firmware of ``variant`` and the
-        motors of ``spread``. If ``supply`` is None, servos with the same rated voltage share a supply, whose
-        voltage deviates by ``spread``.
+        All servos are set up for 1 Mbit/s and no return delay. STS servos have the firmware ``variant``, and their
+        motors deviate from the nominal motor by ``spread``. If ``supply`` is None, servos with the same rated voltage
+        share a supply, whose voltage deviates by ``spread``.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
         servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
@@ -103,8 +103,8 @@ class VirtualBus(ServoLine[PacketServo]):
         return self._in_turn(self._answers(instruction, others), at_s, byte_s, 0.0)
 
     def _keep_back(self, servos: Sequence[PacketServo], instruction: Instruction) -> None:
-        """Queue the replies of STS servos until the bus is idle. A read discards the replies that are already
-        queued."""
+        """Queue the replies of STS servos until the bus is idle. A read instruction discards earlier queued replies of
+        the same servo."""
         for servo in servos:
             packet = servo.answer(instruction) if isinstance(servo, VirtualServo) else None
             if isinstance(servo, VirtualServo) and packet is not None:
@@ -163,7 +163,8 @@ class VirtualBus(ServoLine[PacketServo]):
 def servo_of(
     model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
 ) -> PacketServo:
-    """Create a servo of ``model``. An STS servo has the given firmware variant and a motor with the given spread."""
+    """Create a servo of ``model``. An STS servo has the given firmware variant, and its motor deviates from the nominal
+    motor by ``spread``."""
     if isinstance(model, dynamixel1.AxMxModel):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.save(dynamixel1.baud_rate, 1)

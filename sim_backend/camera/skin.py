@@ -37,7 +37,7 @@ FRAYED: Final = 0.12
 MOTTLED: Final = 0.1
 """Variation of the skin's brightness."""
 SAMPLES: Final = 4000
-"""Number of points on the skin from which the pattern's level is computed."""
+"""Number of random points on the skin from which ``Skin.level``, the threshold between green and red, is computed."""
 
 
 class Skin(NamedTuple):

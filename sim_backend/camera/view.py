@@ -21,7 +21,7 @@ from sim_backend.scene.rays import Hits, cast, visible
 LAMP_M: Final = 20.0
 """Distance of the lamp, in meters. The rays of the lamp are almost parallel."""
 TOUCH_M: Final = 1e-4
-"""Maximum distance between a ray's hit and a point for the ray to be considered as reaching the point, in meters."""
+"""Maximum distance, in meters, between a point and the hit of a ray that still counts as reaching the point."""
 SKY: Final = np.array([0.75, 0.78, 0.82])
 """Color of pixels that do not show any geom."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))

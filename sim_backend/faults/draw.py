@@ -29,10 +29,9 @@ def draw(
     By default, all fault types are drawn; ``kinds`` limits the types. If a fault starts while the arm is up, it starts
     within ``seconds``.
 
-    Random bids for each fault type are drawn from a separate sequence, and the events with the lowest bids are used. A
-    type with a ``WEIGHT`` above 1 gets lower bids, so it is drawn more often.
+    Random bids for each fault type are drawn from a separate sequence, and the events with the lowest bids are used.
     The draws of one type therefore do not change the events of another type; an additional type can only displace some
-    of them.
+    of them. A type with a ``WEIGHT`` above 1 gets lower bids, so it is drawn more often.
     """
     for name in kinds or ():
         if name not in KINDS:

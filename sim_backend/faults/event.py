@@ -19,7 +19,7 @@ USUAL_S: Final = (0.05, 2.0)
 """Range of durations for half of the drawn faults, in seconds: from one cycle to longer than every time-out of
 the stack."""
 STAYS: Final = 0.1
-"""Fraction of the drawn faults that do not end, among the faults that can end."""
+"""Fraction of the drawn faults that do not end. Momentary faults are not counted."""
 
 
 class Event(BaseModel):
@@ -42,7 +42,9 @@ class Event(BaseModel):
         """Raise FaultError with the reason if no target in the inventory can have this fault."""
         if self.since not in there.moments:
             does = {"start": "starts", "up": "comes up", "end": "ends"}[self.since]
-            raise FaultError(f"no stack {does} here: omit `since`, or play the fault with servoloop campaign")
+            raise FaultError(
+                f"there is no stack here that {does}: omit `since`, or play the fault with servoloop campaign"
+            )
 
     def acting(self, targets: FaultTargets) -> AbstractContextManager[None]:
         """Return a context manager that keeps the fault active. The fault starts on entry and ends on exit."""
@@ -120,7 +122,7 @@ class OfServo(Event):
 
     def cannot(self, model: ServoModel, why: str) -> FaultError:
         """Return the error for a servo that cannot have the fault."""
-        return FaultError(f"servo {self.servo_id} is a {model.name}, which {why}: it cannot have {self.kind!r}")
+        return FaultError(f"servo {self.servo_id} is an {model.name}, which {why}: it cannot have {self.kind!r}")
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:

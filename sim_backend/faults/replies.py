@@ -16,7 +16,8 @@ from sim_backend.packets.faults import LONGEST_NOISE
 SEVERAL_CYCLES: Final = 0.7
 """Fraction of the drawn late replies that are late by several cycles."""
 LOOSE: Final = 0.5
-"""Fraction of the drawn lost replies that are isolated and last for several seconds, as with a loose connector."""
+"""Fraction of the drawn ``lost_replies`` faults that lose single replies for several seconds, as with a loose
+connector."""
 
 
 class _OnTheWire(Replies):

@@ -167,7 +167,7 @@ class HardwareError(Momentary, OfServo):
 
 
 class StuckEncoder(OfServo, Lasting):
-    """From then on, the encoder always reports the same angle, because its magnet has come off."""
+    """The encoder always reports the same angle, because its magnet has come off."""
 
     kind: Literal["stuck_encoder"] = "stuck_encoder"
 

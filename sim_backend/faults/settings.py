@@ -118,7 +118,7 @@ class WrongSetting(_WrongSetting):
         if register.name in OWN_KINDS:
             raise FaultError(f"{register.name}: use the fault {OWN_KINDS[register.name]} for this register")
         if register not in _settings(model):
-            raise FaultError(f"{register.name} is not a setting that a {model.name} keeps without power")
+            raise FaultError(f"{register.name} is not a setting that an {model.name} keeps without power")
         require_value(register, self.value)
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:

@@ -59,7 +59,7 @@ class _OfController(_OfStack, Lasting):
             )
         able = self._able(there)
         if self.controller not in able:
-            which = f"specify one of {', '.join(able)}" if able else "no controller of this stack does"
+            which = f"specify one of {', '.join(able)}" if able else "no controller of this stack commands joints"
             raise FaultError(f"{self.controller} commands no joints: {which}")
 
     @classmethod

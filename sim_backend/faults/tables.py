@@ -17,7 +17,7 @@ def register_of(model: ServoModel, name: str) -> Register:
     for register in registers_of(model):
         if register.name == name:
             return register
-    raise FaultError(f"a {model.name} has no register {name!r}: `servoloop register list` lists its registers")
+    raise FaultError(f"an {model.name} has no register {name!r}: `servoloop register list` lists its registers")
 
 
 def require_value(register: Register, value: int) -> None:

@@ -53,7 +53,7 @@ class StackTarget(Protocol):
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """Controller names, each with whether the controller commands joints."""
+        """Whether each controller commands joints, keyed by controller name."""
 
     def stall(self, seconds: float) -> None:
         """Stall the computer once for this time. The servos and the world continue to run."""
@@ -82,7 +82,7 @@ class Inventory:
     adapters: bool = True
     stack: bool = True
     controllers: Mapping[str, bool] = field(default_factory=dict)
-    """Known controllers of the stack, each with whether it commands joints."""
+    """Whether each known controller of the stack commands joints, keyed by controller name."""
     start_s: float | None = START_S
     """Time the stack needs to start, in seconds; None if the stack is already up."""
     end_s: float | None = HOLD_S

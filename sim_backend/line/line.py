@@ -54,7 +54,7 @@ class DelayedReply:
 
 
 class ServoLine(ABC, Generic[AnyServo]):
-    """A line of servos. Times are on the caller's clock. The time of the rig starts at the first call."""
+    """A bus of servos. Times are on the caller's clock. The simulated time of the servos starts at the first call."""
 
     def __init__(self, rig: Rig[AnyServo], parser: Parser, id_at: int, *, paced: bool = True) -> None:
         """Create a line.
@@ -93,7 +93,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         servo.power_cycle()
 
     def plugged(self, servo: AnyServo) -> bool:
-        """Whether the servo is plugged in."""
+        """Return whether the servo is plugged in."""
         return servo not in self._unplugged
 
     def plug(self, servo: AnyServo) -> None:
@@ -139,7 +139,8 @@ class ServoLine(ABC, Generic[AnyServo]):
         return self._through_adapter(replies + self._exchange(data, now_s, baud))
 
     def _exchange(self, data: bytes, now_s: float, baud: int) -> list[DelayedReply]:
-        """Return the replies to bytes that a program sends, each with the time at which it has left the wire."""
+        """Return the replies to bytes that a program sends. Each reply includes the time at which it has fully arrived
+        at the master."""
         byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
         begin_s = max(now_s, self._free_s)
         if now_s - self._heard_s > PAUSE_S:

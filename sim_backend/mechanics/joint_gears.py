@@ -24,7 +24,8 @@ class JointGears:
     """Updater of the friction of some degrees of freedom in a model."""
 
     def __init__(self, model: Any, data: Any, gears: Mapping[int, Gears], before: "JointGears | None" = None) -> None:
-        """Set ``gears``, keyed by degree of freedom, in addition to the gears of ``before``."""
+        """Apply ``gears``, keyed by degree of freedom. Other degrees of freedom keep the gears of ``before``, an
+        earlier updater."""
         self._model, self._data = model, data
         self._gears: dict[int, Gears] = {**(before._gears if before else {}), **gears}
         self._dofs = np.array(sorted(self._gears))

@@ -34,7 +34,7 @@ class Coupling:
 
     @property
     def zero_rad(self) -> float:
-        """Shaft angle at the joint's zero, in the middle of the count."""
+        """Shaft angle at the joint's zero, for the middle of the encoder count ``zero_counts``."""
         return (self.zero_counts + 0.5) * 2.0 * pi / self.counts_per_turn
 
     @property
@@ -61,7 +61,8 @@ SHAFT: Final = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class JointArrays:
-    """Live joint state. Readers see each change, and written efforts take effect."""
+    """Live arrays of the simulated joints. Reads return the current state, and efforts written to the arrays take
+    effect."""
 
     position: Floats
     velocity: Floats

@@ -69,7 +69,7 @@ def fast_block(before: bytes, servo_id: int, error: int, data: bytes) -> bytes:
 
 
 def ends_whole(packet_so_far: bytes) -> bool:
-    """Whether the last two bytes are the CRC of the bytes before them."""
+    """Return whether the last two bytes are the CRC of the bytes before them."""
     return crc16(packet_so_far[:-2]) == int.from_bytes(packet_so_far[-2:], "little")
 
 

@@ -99,7 +99,7 @@ class WireFaults:
         return held
 
     def is_silent(self, servo_id: int) -> bool:
-        """Whether the servo's data line is broken."""
+        """Return whether the servo's data line is broken."""
         return servo_id in self._silent
 
     def hears(self, servo_id: int) -> bool:

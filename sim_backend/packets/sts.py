@@ -111,8 +111,8 @@ class StsParser(Parser):
         return None
 
     def _whole_packet(self) -> int:
-        """Return the size of the valid packet at the start of the buffer, or 0 if there is none. With this check, not
-        every byte has to be checked individually."""
+        """Return the size of the valid packet at the start of the buffer, or 0 if there is none. Because of this check,
+        the bytes of such a packet need not be processed one by one."""
         buffer = self._buffer
         if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
             return 0

@@ -88,7 +88,7 @@ def _add_table(spec: Any, table_m: float) -> None:
 
 
 def _add_arm(spec: Any, base: Any, arm: PlacedArm, number: int) -> None:
-    """Add an arm below the base, and everything else of its scene to the world."""
+    """Add an arm as a child of the base, and the rest of its scene as children of the world."""
     own, rest = _reduced(arm.scene), _reduced(arm.scene)
     place = {"pos": arm.position_m, "quat": [np.cos(0.5 * arm.yaw_rad), 0.0, 0.0, np.sin(0.5 * arm.yaw_rad)]}
     first = _first_body(arm.scene)

@@ -25,7 +25,7 @@ CUBE: Final = "cube"
 REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.1
 OFF_STAND_M: Final = 0.002
-"""Distance of the cube's center beyond the edges of the stand at which the cube would topple."""
+"""Maximum distance of the cube's center beyond the edges of the stand, in meters. A cube farther out would topple."""
 LIFTED_M: Final = 0.006
 """Minimum height difference at which the cube is considered lifted from the stand."""
 
@@ -122,7 +122,7 @@ class CubeCell:
         return {self.name(CUBE): _pose(cube[:3], cube[3:]), **self._bin_poses}
 
     def cube_at_rest(self) -> bool:
-        """Whether the cube is at rest, either on a surface or in the hand."""
+        """Return whether the cube is at rest, either on a surface or in the hand."""
         speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # NumPy would be slower for six values.
         return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
 
@@ -136,18 +136,18 @@ class CubeCell:
         return next(inside, None) if self.cube_at_rest() else None
 
     def cube_on_stand(self) -> bool:
-        """Whether the cube is at rest on the stand."""
+        """Return whether the cube is at rest on the stand."""
         place: list[float] = self._arrays.position[self.qpos].tolist()  # NumPy would be slower for three values.
         apart = map(sub, place[:3], self.home.tolist())
         return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
 
     def cube_touched(self) -> bool:
-        """Whether the arm touches the cube."""
+        """Return whether the arm touches the cube."""
         pairs = self._data.contact.geom
         return bool(((pairs == self._cube_geom).any(axis=1) & self._of_arm[pairs].any(axis=1)).any())
 
     def stand_free(self) -> bool:
-        """Whether the arm is at least 2 mm away from the place for a new cube."""
+        """Return whether the arm is at least 2 mm away from the place for a new cube."""
         model, data, place = self._model, self._data, self._place_geom
         arm = np.flatnonzero(self._of_arm)
         distance = (mujoco.mj_geomDistance(model, data, geom, place, 0.01, None) for geom in arm)

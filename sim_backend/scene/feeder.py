@@ -163,16 +163,16 @@ class _Arm:
         return ready
 
     def has_left(self, rest: FloatArray) -> bool:
-        """Whether the arm has left the position where it was at rest, ignoring the hand."""
+        """Return whether the arm has left the position where it was at rest, ignoring the hand."""
         return bool(np.abs((self.position - rest)[:-1]).max() > STAYS_RAD)
 
     def stays_at(self, rest: FloatArray) -> bool:
-        """Whether the arm and the hand are still where they came to rest."""
+        """Return whether the arm and the hand are still where they came to rest."""
         return not self.has_left(rest) and bool(abs(self.position[-1] - rest[-1]) < STAYS_HAND * self._hand_travel)
 
 
 def _done(arm: _Arm, cell: CubeCell) -> bool:
-    """Whether the cube is done: in a bin or lost, and neither on the stand nor in the hand.
+    """Return whether the cube is done: in a bin or lost, and neither on the stand nor in the hand.
 
     After a failed job, the cube can lean against the open fingers around the stand.
     """

@@ -70,12 +70,12 @@ class SceneHand:
         return tuple(self._reach)
 
     def holds(self, joint: str) -> bool:
-        """Whether the hand holds the joint."""
+        """Return whether the hand holds the joint."""
         return joint in self._grips
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has reached its target. The joint itself may not have reached the target because of a hard
-        stop."""
+        """Return whether the hand has reached its target. The joint itself may not have reached the target because of a
+        hard stop."""
         return joint not in self._grips or self._grips[joint].reference == self._grips[joint].target
 
     def position(self, joint: str) -> float:

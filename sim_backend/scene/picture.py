@@ -32,7 +32,7 @@ TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
 """Distance at which the floor begins to fade into the sky, and distance at which it has faded completely, in meters."""
 TOUCH_M: Final = 1e-4
-"""Maximum distance between a ray's hit and a point at which the ray still counts as reaching the point, in meters."""
+"""Maximum distance, in meters, between a point and the hit of a ray that still counts as reaching the point."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 

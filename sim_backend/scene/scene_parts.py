@@ -85,15 +85,16 @@ def _check_sizes(roots: Sequence[Element], homes: Sequence[Path]) -> None:
 
 
 def _existing(homes: Sequence[Path], folders: Sequence[str], name: str) -> Iterator[Path]:
-    """Yield the existing files that a name can refer to, with its folders and (for strippath) without them."""
+    """Yield the existing files that a name can refer to. The name is tried with its folders and, because of the option
+    ``strippath``, without them."""
     names = dict.fromkeys((name, Path(name).name))
     paths = dict.fromkeys(home / folder / one for home, folder, one in product(homes, folders, names))
     yield from (path for path in paths if _is_file(path))
 
 
 def _is_file(path: Path) -> bool:
-    """Whether the path is a file, a device or a pipe. If a name does not match any file, MuJoCo itself reports this
-    error."""
+    """Return whether the path is a file, a device or a pipe. If a name does not match any file, MuJoCo itself reports
+    this error."""
     try:
         return path.exists() and not path.is_dir()
     except (OSError, ValueError):

@@ -135,7 +135,7 @@ class World:
         return at_rest
 
     def _of_arm(self) -> Any:
-        """Whether each geom belongs to an arm, shape (ngeom,)."""
+        """Return whether each geom belongs to an arm, shape (ngeom,)."""
         arms = self.model.body_rootid[[self.model.joint(joint).bodyid[0] for joint in self.joints]]
         return np.isin(self.model.body_rootid[self.model.geom_bodyid], arms)
 

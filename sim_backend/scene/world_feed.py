@@ -22,8 +22,8 @@ from hal.robot_description.kinematics import Quaternion
 
 PERIOD_S: Final = 0.05
 CONNECT_S: Final = 2.0
-"""Maximum time to connect, in seconds. Otherwise, a client would wait forever if an emulator hangs and its connection
-queue is full."""
+"""Maximum time to connect, in seconds. Without this limit, a client would wait forever if an emulator hangs and its
+connection queue is full."""
 SEND_BUFFER_BYTES: Final = 1 << 20
 """Size of the send buffer, in bytes. If a client does not read, the buffer holds the publications of about ten
 seconds."""

@@ -54,7 +54,8 @@ PAN = "shoulder_pan"
 
 
 def moved(arm: Arm, action: Callable[[], object]) -> float:
-    """Return the largest change of a command by an action and the cycles after it, in rad."""
+    """Return the largest change of a joint's command caused by an action, in rad. The change is measured a few cycles
+    after the action."""
     before = arm.state.command
     action()
     after = arm.step(3).command
@@ -62,8 +63,8 @@ def moved(arm: Arm, action: Callable[[], object]) -> float:
 
 
 def policy_waits_s(arm: Arm, targets: int) -> list[float]:
-    """Stream targets at 50 Hz, check that the last target is commanded, and return the time from each target to the
-    state with its command, in seconds."""
+    """Stream targets at 50 Hz and check that the last target is commanded. For each target, return the time until a
+    state contains its command, in seconds."""
     arm.move_to({PAN: 0.0}, speed=0.5)
     sent: dict[float, float] = {}
     seen: dict[float, float] = {}

@@ -39,7 +39,8 @@ class TestServedArm(ArmContract):
 
 
 def test_a_policy_at_fifty_hertz_loses_no_target_and_waits_at_most_a_cycle(served_arm: Arm) -> None:
-    """Each target is commanded within one cycle after the call, plus the time until the state shows the command."""
+    """Each target is commanded at most one cycle after the call. The measured time also includes the delay until the
+    state shows the command."""
     waited_s = policy_waits_s(served_arm, 100)
     assert len(waited_s) > 30 and np.median(waited_s) < 1.2 / served_arm.rate_hz
 

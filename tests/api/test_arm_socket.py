@@ -1,4 +1,5 @@
-"""``Arm.connect``: the contract of all arms over the command socket of ``servoloop up``, and the end of the stack."""
+"""``Arm.connect``: the contract of all arms over the command socket of ``servoloop up``, and its behavior when the
+stack ends."""
 
 import signal
 from collections.abc import Iterator

@@ -21,7 +21,7 @@ class VirtualArmOnPort(LoadedArm):
 
 
 class ConnectedArm(servoloop.Arm):
-    """Arm whose ``connect`` returns a virtual arm instead of that of a running stack."""
+    """Arm whose ``connect`` returns a virtual arm instead of the arm of a running stack."""
 
     @classmethod
     def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Any:

@@ -1,4 +1,5 @@
-"""``arms combine`` writes a robot with several arms; the included one is its output."""
+"""``arms combine`` writes a robot with several arms. The included robot with two arms equals the output of this
+command."""
 
 import shutil
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""Dynamixel arms from random zeros to sorted cubes, in simulated time.
+"""Dynamixel arms with random zeros are calibrated and sort cubes, in simulated time.
 
-The servos were turned by two turns before, and one of them falls silent for 0.2 s repeatedly.
+Each servo has been turned by two turns beforehand, and one servo is repeatedly silent for 0.2 s.
 """
 
 from math import tau
@@ -25,7 +25,7 @@ from tests.commissioning.arm import UnalignedArm
 from tests.commissioning.test_calibrate_run import Owner
 
 SEED: Final = 2
-"""Seed of arms with the seams of some servos within the travel of their joints."""
+"""Seed of arms in which the encoder seams of some servos are within the travel of their joints."""
 BACKLASH_DEG: Final = 1.0
 OLD: Final = 44
 """Firmware version without fast sync read."""

@@ -20,7 +20,7 @@ GRADES = ["A", "B", "C"]
 ACTIVATED_S = 2.5
 LARGEST_RAD, RMS_RAD = 0.06, 0.02
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, CYCLES // 500 if CYCLES > 1000 else 1))]
-"""One seed; ``make soak`` uses twenty."""
+"""Seeds of the arms: one by default, and twenty in ``make soak``."""
 
 
 def pick_place(name: str) -> PickPlace:
@@ -111,7 +111,7 @@ def test_cube_lands_in_the_bin_of_its_grade(name: str, grade: str) -> None:
     rig = SimulatedStack(files=read_arm_files(find_arm(name))).up()
     rig.run(ACTIVATED_S)
     held: list[float] = []
-    """Return the reduced drive of the jaw's servo."""
+    """Reduced drive of the jaw's servo, one value for each state that reports a stall."""
     rig.on_state = lambda state: held.extend(abs(one.load) for one in state.health.values() if one.stall)
     sorted_into(rig, name, grade)
     if name != "koch":  # the gain of the servo is too low to press with the full torque limit

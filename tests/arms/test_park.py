@@ -11,7 +11,7 @@ ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so101_leader"
 LATER_S = 6.0
 FALLEN_RAD = 0.2
 OFF_RAD = 0.02
-"""Largest distance of the arm from the pose when it is released."""
+"""Distance of each joint from its park pose when the arm is released, in rad of the shaft."""
 
 
 @pytest.mark.parametrize(("name", "backlash_deg"), [(ARMS[0], 0.0), *((name, 1.0) for name in ARMS)])

@@ -1,5 +1,4 @@
-"""The tool poses in the files of the arms are at the same places as the joint positions, and can be reached from
-above."""
+"""The tool poses in the files of the arms match the joint positions, and can be reached from above."""
 
 from typing import Any
 

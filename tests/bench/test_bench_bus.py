@@ -151,6 +151,7 @@ def test_invalid_ids_are_refused(text: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_ten_million_random_bytes(kind: StreamKind) -> None:
-    """Two thirds of the bytes contain many headers or replies. ``python -m benchmarks.decoder`` prints the counts."""
+    """Two thirds of the stream are fragments of frames or bytes that occur often in frames. ``python -m
+    benchmarks.decoder`` prints the counts."""
     believed, wrong = flood(kind, pieces(kind, 10_000_000, 7))
     assert wrong == 0 and believed > 10_000

@@ -48,7 +48,7 @@ def measured(port: VirtualPort, cycles: int = 1000) -> BusSpeed:
 
 
 def stand_still(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
-    """Write goals to all servos that may have one, limp or not, and return the goals."""
+    """Write goals to all servos that may receive one, even if their torque is disabled, and return the goals."""
     found = present_goals(bus, servo_ids, model)
     goals = found.held | found.limp
     bus.write_goals(goals)
@@ -122,8 +122,8 @@ def test_a_slow_line_is_not_taken_for_a_silent_line() -> None:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(38_400))
     figures = measured(VirtualPort(line, SimulatedClock(0.0), baud=38_400), 50)
     assert figures.faults["silent"] == 0
-    # A cycle has 177 bytes. The first servo waits for the time of one byte, and each other servo for three more after
-    # the previous reply.
+    # A cycle has 177 bytes. The first servo waits for one byte time before it replies. Each other servo waits for
+    # three byte times after the previous reply.
     assert 1.0 <= figures.ratio <= 1.0 + 19 / 177
 
 
@@ -149,8 +149,8 @@ def test_servos_with_another_table_are_refused_and_nothing_is_written(model: str
     clock = SimulatedClock(0.0)
     port = WatchedPort(servos(), clock)
     bus = Bus(port, clock, dict.fromkeys(IDS, MODELS[model]))
-    # At the addresses of the state in the other table, these servos have other registers whose values look like a
-    # state.
+    # At the addresses where the other table has the state, these servos have other registers, and their values look
+    # like a state.
     with pytest.raises(ServoRefused, match="is model"):
         stand_still(bus, IDS, MODELS[model])
     assert not goals_sent(port)
@@ -175,7 +175,8 @@ def test_a_servo_of_another_model_gets_no_goal(number: int, servo_id: int, caplo
 
 @pytest.mark.parametrize("number", [sts.STS3250.number, OF_NOBODY, TURNED])
 def test_a_servo_with_the_right_table_is_measured(number: int, caplog: pytest.LogCaptureFixture) -> None:
-    """The servo has another motor, an unknown model number, or a simulated number with swapped bytes."""
+    """The servo has a different motor, an unknown model number, or the byte-swapped model number that a simulator may
+    report."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)

@@ -137,7 +137,7 @@ def test_the_largest_step_is_relative_to_the_velocity_limit() -> None:
     )
     steps = JointSteps(feed, {"a": 1.0, "b": 1.0})
     steps.look()
-    steps.look()  # nothing new has come
+    steps.look()  # no new data has arrived
     assert steps.joint == "b"
     assert steps.largest == pytest.approx(0.75)
 

@@ -96,7 +96,9 @@ def test_an_arm_with_torque_enabled_is_refused() -> None:
     for servo in lying.servos:
         servo.memory.put(sts.goal_position, servo.memory.get(sts.present_position))
         servo.memory.put(sts.torque_enable, 1)
-    with pytest.raises(DriverError, match=r"shoulder_pan .*gripper \(servo 6\) hold torque, and the arm may fall"):
+    with pytest.raises(
+        DriverError, match=r"shoulder_pan .*gripper \(servo 6\) have torque enabled, and the arm may fall"
+    ):
         lying.bench()
     assert lying.held == 6
 

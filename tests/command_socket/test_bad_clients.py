@@ -85,7 +85,7 @@ def test_motion_of_a_killed_client_ends_within_the_limits_and_holds(move: str, r
     assert np.abs(velocity).max() <= limit.velocity
     assert np.abs(np.diff(velocity)).max() / period_s <= 1.1 * limit.acceleration
     with rig.client() as other:
-        other.request("take")  # the motion is free again
+        other.request("take")  # no other client has control of the arm
 
 
 def test_freedrive_of_a_killed_client_ends_and_the_arm_holds(rig: SocketRig) -> None:

@@ -18,7 +18,7 @@ from tests.stack.rig import READY
 
 
 class Client:
-    """Client that reads ``accepts`` bytes of each message at once."""
+    """Client that accepts at most ``accepts`` bytes per call."""
 
     def __init__(self) -> None:
         self.stack = SimulatedStack(start=(*READY, 0.0)).up()

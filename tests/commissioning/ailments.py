@@ -267,14 +267,15 @@ def warmth(patient: Patient) -> None:
 
 
 def limp_joint(patient: Patient) -> None:
-    """Reset one servo, as by a power dip, while the arm holds."""
+    """Reset one servo, as a power dip does, while the arm holds its position."""
     patient.hold()
     restart(patient.line.servo(ELBOW))
     patient.wait(1.5)
 
 
 def reset_and_driven(patient: Patient) -> None:
-    """Reset one servo while the arm holds, then send it a goal that enables its torque again."""
+    """Reset one servo while the arm holds its position, and then send the servo a goal that enables its torque
+    again."""
     limp_joint(patient)
     bus = patient.bus()
     bus.write(ELBOW, sts.goal_position, bus.read(ELBOW, sts.present_position))

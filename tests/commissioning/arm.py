@@ -51,7 +51,8 @@ class UnalignedArm:
         start: Sequence[float] | None = None,
         robot: Path | None = None,
     ) -> None:
-        """Create the arm with joints at ``start``; without it they are all at 0 and no collisions occur.
+        """Create the arm with its joints at ``start``. If ``start`` is None, all joints are at 0 and collisions are
+        disabled.
 
         ``robot`` replaces the robot file of the arm.
         """
@@ -201,7 +202,7 @@ class Onlooker(Person):
     """A person who watches the arm, answers questions, and moves joints only to poses."""
 
     asked: list[str] = field(default_factory=list)
-    """Joints whose directions were asked for."""
+    """Joints for which the person was asked in which direction they moved."""
 
     def say(self, text: str) -> None:
         super().say(text)

@@ -45,7 +45,7 @@ class HeldArm:
         self._targets[joint] = position
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has reached its target. A stop may keep the joint from reaching the target."""
+        """Return whether the hand has reached its target. A stop may keep the joint from reaching the target."""
         found = next(one for one in self.joints if one.name == joint)
         return self._positions[joint] == self._held_back(found, self._targets[joint])
 

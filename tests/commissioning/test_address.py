@@ -93,9 +93,9 @@ def test_set_id_refuses_ids_out_of_range(model: ServoModel, new_id: int) -> None
 def test_id_and_baud_rate_are_not_changed_while_torque_is_on(model: ServoModel) -> None:
     line = line_of(model)
     switched_on(line, 3)
-    with pytest.raises(EepromError, match=r"the servo holds torque\. Support the arm"):
+    with pytest.raises(EepromError, match=r"the torque of the servo is enabled\. Support the arm"):
         told(line, set_id, 3, 7)
-    with pytest.raises(EepromError, match=r"the servo holds torque\. Support the arm"):
+    with pytest.raises(EepromError, match=r"the torque of the servo is enabled\. Support the arm"):
         told(line, set_baud, 3, 57_600)
     assert sorted((one.servo_id, one.baud) for one in line.servos.servos) == [(1, 1_000_000), (3, 1_000_000)]
 

@@ -1,4 +1,4 @@
-"""Servos that answer pings, but no reads or no group reads: the cause is found, and no factory reset is advised."""
+"""If servos answer pings but no reads or no group reads, the cause is found, and no factory reset is recommended."""
 
 from pathlib import Path
 from typing import Any

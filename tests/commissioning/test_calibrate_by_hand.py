@@ -26,7 +26,7 @@ FIRST = (
     (0, "koch", 1.0),
 )
 SEEDS = range(CYCLES // 1000) if CYCLES > 1000 else ()
-"""Seeds and backlash (degrees) of the arms; ``make soak`` runs ten for each arm."""
+"""Seeds that ``make soak`` runs for each arm, with and without backlash."""
 HELD_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, CYCLES // 100))]
 ONE_BUS = [arm.name for arm in arms() if len(read_arm_files(arm).robot.file.lines()) == 1]
 """Arms with one bus. A robot with several arms is calibrated one arm after the other."""

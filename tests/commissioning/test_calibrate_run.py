@@ -111,7 +111,7 @@ def test_torque_is_released_only_after_confirmation(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     arm.line.servo(2).memory.put(sts.torque_enable, 1)
     owner = Owner(arm, no=(release_question(["joint2 (servo 2)"]),))
-    with pytest.raises(CalibrationError, match=r"^joint2 \(servo 2\) holds torque, .* nothing was changed"):
+    with pytest.raises(CalibrationError, match=r"^joint2 \(servo 2\) has torque enabled, .* nothing was changed"):
         calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert torque(arm) == [2]
 

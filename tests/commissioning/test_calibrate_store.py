@@ -157,7 +157,7 @@ def test_nothing_is_written_to_a_servo_under_torque(robot: Path) -> None:
     made = arm.as_mounted()
     for servo in arm.line.servos:
         servo.memory.put(sts.torque_enable, 1)
-    with pytest.raises(EepromError, match="the servo holds torque"):
+    with pytest.raises(EepromError, match="the torque of the servo is enabled"):
         store(robot, arm.bus, JOINTS, made, arm.clock)
     assert not any(servo.memory.get(sts.homing_offset) for servo in arm.line.servos)
 

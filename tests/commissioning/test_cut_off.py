@@ -30,7 +30,7 @@ every_tool = pytest.mark.parametrize("tool", TOOLS)
 
 
 class CutPort(VirtualPort):
-    """A port that fails before packet number ``at`` or, with ``behind``, after the reply to it."""
+    """A port that fails before packet number ``at`` or, if ``behind`` is true, after the reply to this packet."""
 
     happens: Callable[[], None] = staticmethod(lambda: None)
     at, behind, sent = 0, False, 0

@@ -96,7 +96,7 @@ def test_an_arm_under_torque_or_with_faults_is_not_moved() -> None:
     held.hold()
     faulty = Patient()
     ailments.wheel_mode(faulty)
-    for patient, why in ((held, "hold torque, and the arm may fall"), (faulty, "because there are faults")):
+    for patient, why in ((held, "have torque enabled, and the arm may fall"), (faulty, "because there are faults")):
         before = [servo.memory.get(sts.goal_position) for servo in patient.line.servos]
         report = examine(patient)
         (finding,) = (one for one in report.findings if one.id == "not_moved")

@@ -1,4 +1,4 @@
-"""Findings are ranked by their most likely cause, which hides only its consequences."""
+"""Findings are ranked by their most likely cause. A cause hides only the findings that result from it."""
 
 from dataclasses import replace
 

@@ -191,7 +191,8 @@ calibrated = st.builds(
 
 @given(st.lists(calibrated, min_size=6, max_size=6))
 def test_export_then_import_gives_the_same_calibration(values: list[tuple[int, int, int, int, int]]) -> None:
-    """A zero that was measured in a pose, which LeRobot's file cannot contain, is kept if the file is unchanged."""
+    """LeRobot's file cannot contain a zero that was measured in a pose. Such a zero is kept if the file is
+    unchanged."""
     calibration = CalibrationFile(
         joints={
             joint.name: CalibratedJoint(
@@ -283,7 +284,7 @@ def test_a_servo_without_a_homing_offset_cannot_be_exported() -> None:
 
 
 def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) -> None:
-    """The file of LeKiwi has such a prefix, and also contains wheels."""
+    """The joint names in LeKiwi's file begin with ``arm_``, and the file also contains wheels."""
     wheels = {"base_left_wheel": (7, 0, 0, 0, 4095), "base_right_wheel": (9, 0, 0, 0, 4095)}
     text = json.dumps(content({f"arm_{name}": entry for name, entry in PUBLISHED.items()} | wheels))
     with pytest.raises(CalibrationError, match=r"the names of .* joints begin with arm_: .* with --prefix arm_$"):

@@ -265,7 +265,7 @@ def test_a_servo_with_torque_on_is_named_and_nothing_is_written() -> None:
     taken = passport_of(line)
     line.change(1, sts.position_p, 32)
     line.servos.servo(2).memory.put(sts.torque_enable, 1)
-    with pytest.raises(PassportError, match=r"servo 2 holds torque[^$]*nothing was written"):
+    with pytest.raises(PassportError, match=r"servo 2 has torque enabled[^$]*nothing was written"):
         plan_restore(line.bus, taken)
     assert line.port.writes == []
 
@@ -276,7 +276,7 @@ def test_torque_enabled_after_planning_prevents_the_write() -> None:
     line.change(2, sts.position_p, 32)
     (plan,) = plan_restore(line.bus, taken)
     line.servos.servo(2).memory.put(sts.torque_enable, 1)
-    with pytest.raises(DriverError, match="holds torque"):
+    with pytest.raises(DriverError, match="the torque of the servo is enabled"):
         restore(line.bus, line.clock, plan)
     assert line.held(2, sts.position_p) == 32
 

@@ -137,7 +137,7 @@ def test_joining_the_group_root_is_never_recommended(tmp_path: Path, monkeypatch
     assert "udev rule" in complaint.text
 
 
-# What takes ports away
+# Programs that take over ports
 
 
 def test_an_adapter_that_brltty_took_is_named(tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_a_program_that_has_the_port_open_is_found_by_name(tmp_path: Path) -> No
     device.touch()
     machine = Machine()
     with device.open() as opened:
-        assert machine.holders(str(device)) == ()  # ours do not count
+        assert machine.holders(str(device)) == ()  # files that this process has opened do not count
         other = subprocess.Popen(["sleep", "60"], stdin=opened)
     try:
         # At first, the child has the name of this program.

@@ -162,7 +162,7 @@ def test_ram_is_written_and_read_back() -> None:
     line = line_of(sts.STS3215)
     assert write(line, "torque_limit", "50%").after.text == "50 %"
     assert line.held(3, sts.torque_limit) == 500
-    with pytest.raises(CommissioningError, match="servo 3: acceleration is still 100"):  # cut by register 85
+    with pytest.raises(CommissioningError, match="servo 3: acceleration is still 100"):  # limited by register 85
         write(line, "acceleration", 200)
 
 

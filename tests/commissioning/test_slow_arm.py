@@ -1,4 +1,4 @@
-"""The slow arm: interruptions while it enables its torque, and servos that are silent for a moment."""
+"""Tests of ``SlowArm``: interruptions while torque is being enabled, and servos that are silent for a moment."""
 
 import pytest
 

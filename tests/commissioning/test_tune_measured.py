@@ -46,7 +46,7 @@ def undamped() -> Measurement:
 
 
 def test_half_the_p_sags_twice_as_far(factory: Measurement, soft: Measurement) -> None:
-    """The dead zone of one count and the minimum drive of 16 units are the same in both."""
+    """The dead zone of one count and the minimum drive of 16 units do not depend on the P gain."""
     assert factory.gains["P"] == 32 and soft.gains["P"] == 16
     assert soft.figures.sag / factory.figures.sag == pytest.approx(2.0, abs=0.15)
     assert factory.figures.sag > 15 * COUNT
@@ -133,7 +133,7 @@ def test_gains_are_written_with_torque_off_and_measured() -> None:
 
     bench.before = watch
     report = tune(bench.tuner(), write={"P": 32, "D": 32})
-    assert [(one.gain, one.old, one.new) for one in report.written] == [("P", 16, 32)]  # D 32 it had
+    assert [(one.gain, one.old, one.new) for one in report.written] == [("P", 16, 32)]  # D was already 32
     assert under_torque and not any(under_torque)
     assert memory.get(sts.lock) == 1
     bench.line.servo(1).power_cycle()

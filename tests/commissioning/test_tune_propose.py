@@ -111,7 +111,7 @@ def test_error_at_rest_and_delay_are_predicted_for_a_dynamixel() -> None:
 def test_predictions_are_consistent_and_more_p_means_less_sag(
     position_p: int, sag_counts: float, delay_s: float
 ) -> None:
-    """I is set, because it disables the slow computation of the overshoot."""
+    """The I gain is nonzero, which disables the slow computation of the overshoot."""
     sag = sag_counts * COUNT
     law = Law(held({"P": position_p, "I": 1}), PLAN, replace(WELL, sag=sag, rest_error=abs(sag), delay_s=delay_s))
     same, stiffer = law.predict({}), law.predict({"P": position_p + 1})

@@ -7,7 +7,7 @@ import pytest
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, SRDF, controllers, groups, read, states
 
 
-# A run of this folder is a run of the command.
+# Running the tests of this folder also runs the command below.
 @pytest.mark.runs(".venv/bin/python -m pytest tests/config")
 def test_the_robot_has_the_name_in_the_urdf() -> None:
     assert SRDF.get("name") == ElementTree.fromstring(DESCRIPTION.xml).get("name")

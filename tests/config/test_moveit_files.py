@@ -86,7 +86,7 @@ def test_moveit_can_plan_with_the_files_of_the_launch() -> None:
 
 
 def test_the_files_of_robot_arm_equal_the_output_of_the_command(written: tuple[ArmFolder, Path]) -> None:
-    """The exceptions are the state `upright` and the collision matrix, which needs more samples."""
+    """The state `upright` and the collision matrix are not compared; the matrix would need more samples."""
     arm, folder = written
     if arm.name != "robot_arm":
         pytest.skip("the files of other arms are not kept")
@@ -108,7 +108,7 @@ def plain(element: ElementTree.Element) -> str:
 
 
 def test_the_padding_exceeds_the_sag_of_the_hand(written: tuple[ArmFolder, Path]) -> None:
-    """Each joint has the position error of a servo at rest, with the arm stretched out at zero or ready."""
+    """Each joint has the position error of a servo at rest. The arm is stretched out at zero, or in its ready pose."""
     arm, folder = written
     world = World(arm.scene)
     for start in (np.zeros(len(world.joints)), world.ready):

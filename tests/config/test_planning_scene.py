@@ -44,7 +44,7 @@ class Box:
         return round(self.middle[2] + self.half[2], 9)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether the point is above or below the box or one of its edges."""
+        """Return whether the point is above or below the box or one of its edges."""
         offset = np.abs([x - self.middle[0], y - self.middle[1]])
         return bool((offset <= np.add(self.half[:2], 1e-9)).all())
 
@@ -128,7 +128,7 @@ def given_way(pose: Any) -> Any:
 
 
 def distance(arm: PaddedArm, pose: Any, hand: float) -> float:
-    """Return the distance of the arm from the nearest box in m, which is negative inside a box."""
+    """Return the distance between the arm and the nearest box, in m. The distance is negative inside a box."""
     return min(arm.distances({**dict(zip(ARM, pose, strict=True)), "hand_right_joint": hand}).values())
 
 
@@ -152,7 +152,8 @@ def test_moveit_accepts_the_poses_of_the_node(padded: PaddedArm, hand: float) ->
 
 
 def test_moveit_rejects_poses_inside_stand_table_and_bins(padded: PaddedArm) -> None:
-    """Below the pick and bin poses, the arm touches a box. The padding reduces this distance."""
+    """Below the pick and bin poses, the arm touches a box. The padding reduces the distance between the arm and the
+    boxes."""
     for name in ("pick", *(name for name in POSES if name.startswith("bin"))):
         lower = np.add(POSES[name], [0, -0.25, -0.25, 0.25, 0.25, 0])
         assert distance(padded, lower, 0.0) < 0, name
@@ -161,7 +162,8 @@ def test_moveit_rejects_poses_inside_stand_table_and_bins(padded: PaddedArm) -> 
 
 
 def test_a_gripped_cube_does_not_touch_the_stand() -> None:
-    """An attached object has the padding of the link that holds it, and the hand sinks by the error at rest."""
+    """An attached object has the padding of the link that holds it. The hand sinks because of the position errors of
+    the servos at rest."""
     world = World()
     cube, half = world.poses()["cube"].position_m, float(world.model.geom("cube").size[2])
     (stand,) = in_the_file()["stand"]

@@ -1,4 +1,5 @@
-"""Test that controllers keep the velocity limits themselves, so that the safety gate logs only unusual commands."""
+"""Test that controllers themselves stay within the velocity limits, so that the safety gate logs only unusual
+commands."""
 
 from collections.abc import Callable, Iterator
 

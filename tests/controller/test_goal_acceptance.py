@@ -1,4 +1,4 @@
-"""Test which goals are rejected, and that the texts are those of ros2_control for checks that ros2_control has."""
+"""Test which goals are rejected. If ros2_control makes the same check, the message must equal that of ros2_control."""
 
 import dataclasses
 

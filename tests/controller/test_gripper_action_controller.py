@@ -409,7 +409,10 @@ def test_the_defaults_are_those_of_ros2_control_except_for_the_velocity() -> Non
     [
         ({}, []),
         ({"max_effort": 10.0}, ["max_effort (torque_limit in the robot file limits the force)"]),
-        ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the planned motion keeps the velocity)"]),
+        (
+            {"max_velocity_interface": "f/v"},
+            ["max_velocity_interface (the planned motion already limits the velocity)"],
+        ),
         ({"gains": {}}, ["gains"]),
     ],
 )

@@ -26,7 +26,7 @@ def outcome(handle: GoalHandle) -> tuple[GoalStatus, int, str]:
 
 
 def assert_smooth(path: FloatArray) -> None:
-    """Check that a velocity keeps its limit and changes within the acceleration limit."""
+    """Check that a velocity stays within its limit and changes within the acceleration limit."""
     velocity = np.diff(path[:, :2], axis=0) / PERIOD_S
     assert np.abs(velocity).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
     assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)

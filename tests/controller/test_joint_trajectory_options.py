@@ -35,7 +35,7 @@ def speeds(path: FloatArray) -> FloatArray:
 
 
 def assert_gentle(path: FloatArray) -> None:
-    """Check that a velocity keeps its limit and changes within the acceleration limit."""
+    """Check that a velocity stays within its limit and changes within the acceleration limit."""
     assert np.abs(speeds(path)).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
     assert np.abs(np.diff(speeds(path), axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
 

@@ -1,4 +1,4 @@
-"""Test that commands keep the limits and every goal ends exactly once, for random clients and faults."""
+"""Test that commands stay within the limits and every goal ends exactly once, for random clients and faults."""
 
 from itertools import pairwise
 from unittest.mock import patch

@@ -140,7 +140,8 @@ def test_missed_cycles_are_counted_and_not_run_in_a_burst(stall_s: float, then_a
 
 
 def test_a_measurement_may_take_the_time_that_other_steps_leave() -> None:
-    """The other steps get their recent duration and a tenth of the period, but at most half of the period."""
+    """The other steps get the time that they took recently plus a tenth of the period, but at most half of the
+    period."""
     puppet, loop, hardware, clock = puppet_loop()
     hardware.deadlines.clear()
     busy_s = iter([0.0, 0.02, 0.0, 0.04, 0.0])
@@ -154,7 +155,7 @@ def test_a_measurement_may_take_the_time_that_other_steps_leave() -> None:
 
 
 def test_a_measurement_gets_the_time_of_its_fastest_predecessor_even_if_the_cycle_is_then_late() -> None:
-    """Otherwise, a loop whose rate is too high for its bus would never measure its joints."""
+    """Without this time, a loop whose rate is too high for its bus would never measure its joints."""
     puppet, loop, hardware, clock = puppet_loop(read_s=0.03)
     hardware.deadlines.clear()
     puppet.during_update = lambda: clock.sleep_until(clock.now() + 0.03)
@@ -169,7 +170,7 @@ def test_a_measurement_gets_the_time_of_its_fastest_predecessor_even_if_the_cycl
 
 @pytest.mark.parametrize(("late_s", "left_s"), [(0.0, 0.045), (0.01, 0.035), (0.04, 0.02), (0.2, 0.02)])
 def test_a_measurement_in_a_late_cycle_gets_at_least_half_a_period(late_s: float, left_s: float) -> None:
-    """A tenth of a period out of this half is reserved for the other steps."""
+    """Of this half period, a tenth of a period is reserved for the other steps."""
     _, loop, hardware, clock = puppet_loop()
     hardware.deadlines.clear()
     sleep = clock.sleep_until
@@ -397,7 +398,7 @@ def test_a_new_controller_starts_where_the_joints_come_to_rest() -> None:
 
 
 def test_the_gate_does_not_change_a_goal() -> None:
-    """The controller keeps the limits itself. The safety gate only catches programming errors."""
+    """The controller itself stays within the limits. The safety gate only catches programming errors."""
     bench = Bench().up()
     handle = bench.send(to(1.9, -1.9, after_s=0.0))
     while not handle.done:

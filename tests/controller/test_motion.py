@@ -1,4 +1,4 @@
-"""Test that motions keep all limits, arrive exactly and take the requested time."""
+"""Test that motions stay within all limits, arrive exactly and take the requested time."""
 
 import itertools
 

@@ -1,4 +1,5 @@
-"""Test that the plans of each interpolation method keep the limits, and that they can begin during any motion."""
+"""Test that the plans of each interpolation method stay within the limits, and that the plans can begin during any
+motion."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Test that speed scaling keeps the acceleration limits and rejects invalid factors."""
+"""Test that speed scaling stays within the acceleration limits and rejects invalid factors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Controllers files of stacks in a namespace: which sections count, and where mistakes are."""
+"""Tests of controllers files of stacks in a namespace: which sections apply, and where mistakes are reported."""
 
 from pathlib import Path
 

@@ -144,7 +144,7 @@ def test_a_relief_continues_after_a_stall() -> None:
 
 
 def test_a_path_that_ended_is_resumed_from_the_last_command() -> None:
-    """The reference at the end of a path is computed once, but a standstill replaces it."""
+    """The reference at the end of a path is computed only once. A restart must replace it with a reference at rest."""
     start, end = (Kinematics.at_rest(np.full(2, position)) for position in (0.0, 0.1))
     sampler = TrajectorySampler([ARM_LIMITS] * 2)
     sampler.follow(motion_to(start, end, sampler.limits, 0.2), start)

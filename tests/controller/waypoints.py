@@ -61,7 +61,8 @@ class Trapezoid:
         return self.velocity * (time_s - ramp_s / 2), self.velocity, 0.0
 
     def waypoints(self, apart_s: float, fields: int) -> Waypoints:
-        """Sample the profile for both joints: positions, with velocities for 2 ``fields`` and accelerations for 3."""
+        """Sample the profile for both joints. The points contain positions, also velocities if ``fields`` is at least
+        2, and accelerations if it is 3."""
         times = [*np.arange(0.0, self.duration_s - 1e-6, apart_s), self.duration_s]
         points = []
         for time_s in times:
@@ -84,8 +85,8 @@ def samples(path: Path, apart_s: float = 0.002) -> tuple[FloatArray, FloatArray,
 
 
 def assert_within(path: Path, limits: tuple[JointLimits, ...] = LIMITS, jerk: bool = True) -> None:
-    """Check that all limits are kept, also between the points. Without ``jerk``, check only positions and
-    velocities."""
+    """Check that the path stays within all limits, including between the points. Without ``jerk``, check only positions
+    and velocities."""
     apart_s = 0.002
     position, velocity, acceleration = samples(path, apart_s)
     for joint, limit in enumerate(limits):

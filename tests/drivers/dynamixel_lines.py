@@ -74,7 +74,8 @@ class TrueLine:
             servo.memory.put(register, value)
 
     def holds(self, servo_id: int, reading: ServoState) -> bool:
-        """Return whether a state is that of the servo in this cycle, with named alarms or with an unnamed alarm."""
+        """Return whether a state is the state of the servo in this cycle. Its alarms may be named, or reported as one
+        unnamed alarm."""
         names = x.alarms(self.errors[servo_id])
         unit_a = x.current_unit_a(self.models[servo_id])
         wanted = (

@@ -116,8 +116,8 @@ KINDS = (
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 every_servo = pytest.mark.parametrize(
     ("kind", "servo_id"),
-    # Every position of the silent servo is tested with the simplest group read and with the validated one; otherwise
-    # only the first, the middle and the last position.
+    # The simplest group read and the mapped one are tested with every position of the silent servo. The others are
+    # tested only with the first, the middle and the last position.
     [
         pytest.param(kind, servo_id, id=f"{kind.name}-{servo_id}")
         for kind in KINDS

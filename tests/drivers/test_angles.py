@@ -70,7 +70,7 @@ def test_the_new_offset_keeps_the_wrap_outside_the_travel(lower: int, span: int,
 
 @given(turns, st.integers(TURN - 1, 3 * TURN), offsets)
 def test_a_travel_that_fills_the_turn_is_refused(lower: int, span: int, offset: int) -> None:
-    with pytest.raises(ValueError, match="the wrap cannot be outside the"):
+    with pytest.raises(ValueError, match="the wrap must be outside it"):
         angles.offset_for_travel(Travel(lower, lower + span), offset)
 
 

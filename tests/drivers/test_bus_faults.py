@@ -202,7 +202,8 @@ def test_alarms_are_named_and_counted(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.with_goals], ids=lambda kind: kind.name)
 def test_no_goal_is_sent_while_a_reply_is_on_the_wire(kind: Kind) -> None:
-    """The packets would collide on a half-duplex wire, and goals are not acknowledged."""
+    """The packets would collide on a half-duplex wire, and the loss of a goal would not be noticed, because goals are
+    not acknowledged."""
     line = Line(kind)
     line.faults.disturbance = Disturbance(seed=5, drop=0.02, flip=0.02, noise=0.05)
     write = line.port.write

@@ -81,7 +81,8 @@ class Stalling:
         self.torque_replies += len(states)
 
     def stall(self, hold_s: float, cycles: int) -> None:
-        """Run ``cycles`` cycles whose replies are delayed by ``hold_s``, and cycles until all of them have arrived."""
+        """Run ``cycles`` cycles whose replies are delayed by ``hold_s``, and then more cycles until all replies have
+        arrived."""
         port: Any = self.line.port
         port.hold_s = hold_s
         for _ in range(cycles):

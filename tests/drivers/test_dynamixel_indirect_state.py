@@ -138,7 +138,7 @@ def test_models_with_and_without_a_current_share_one_fast_read() -> None:
 
 
 def test_a_replaced_servo_has_the_current_unit_of_its_model() -> None:
-    """The program did not know the model before."""
+    """The bus was created for a different model."""
     line = TrueLine({1: x.XM430_W350})
     line.bus = Bus(line.port, line.clock, {1: x.XM430_W210})
     for model, current in ((x.XM430_W350, 2 * 0.00269), (x.XL330_M288, 0.002), (x.XL430_W250, None)):
@@ -190,7 +190,8 @@ def test_a_bulk_request_equals_that_of_the_sdk() -> None:
     ("firmware", "identified", "size"), [(46, False, 218), (46, True, 183), (40, False, 259), (40, True, 224)]
 )
 def test_the_bytes_of_a_read_of_seven_servos(firmware: int, identified: bool, size: int) -> None:
-    """Requests and replies. With the direct block, an alarm takes 26 more bytes and another adapter delay."""
+    """The size covers requests and replies. If the state is read from the direct block, an alarm costs 26 more bytes
+    and one more adapter delay."""
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware))
     line = line.identified() if identified else line
     line.bus.read_states(line.ids)

@@ -319,8 +319,7 @@ def test_no_input_remains_after_a_change_of_baud_rate() -> None:
 
 
 def test_models_are_kept_at_a_different_baud_rate() -> None:
-    """Otherwise, the bus would read the block of the X series from each servo, but an XL-320 does not have that
-    block."""
+    """If the models were lost, the bus would read the block of the X series, which an XL-320 does not have."""
     clock = SimulatedClock()
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: MODELS["xl430-w250"]})
     bus = Bus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})

@@ -191,7 +191,7 @@ def test_a_servo_that_has_lost_its_map_is_reported_and_read_directly() -> None:
 
 
 def test_a_miss_counts_once_against_the_map() -> None:
-    """The alarm is not counted again for every read without a deadline that the servo answers."""
+    """The miss is not counted again when the servo answers later reads, which have no deadline."""
     (kind,) = MAPPED
     line, _ = steady_line(kind)
     assert isinstance(line.bus, Bus)

@@ -151,7 +151,7 @@ def test_nothing_is_written_while_torque_is_enabled() -> None:
     line = Line()
     line.bus.torque_on(1)
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) was not written: the servo holds torque"
+        EepromError, match=r"servo 1: position_p \(register 21\) was not written: the torque of the servo is enabled"
     ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.port.wear == []
@@ -416,7 +416,7 @@ def test_the_lock_is_closed_however_the_block_ends(at: int, length: int, fault: 
 
 @pytest.mark.parametrize("number", range(14))
 def test_an_interrupt_at_any_packet_leaves_the_lock_closed(number: int) -> None:
-    """This includes the packet that closes the lock."""
+    """The interrupted packets include the one that closes the lock."""
     line = Line()
 
     def interrupt(n: int) -> None:

@@ -35,7 +35,7 @@ CASES = (
     Case(dxl.AX_12A, {dxl.cw_angle_limit: 300, dxl.max_torque: 500}, dxl.temperature_limit),
     Case(dxl.MX_28, {dxl.max_torque: 500, dxl.multi_turn_offset: -85}, dxl.ccw_angle_limit),
 )
-"""There is no virtual XL-320."""
+"""One model of each kind of control table. The XL-320 is not tested here."""
 every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.model.name)
 
 
@@ -84,7 +84,9 @@ def test_nothing_is_written_while_torque_is_enabled(case: Case) -> None:
     bench.port.sent = ()
     register = next(iter(case.new))
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} was not written: the servo holds torque. Support the arm"):
+    with pytest.raises(
+        EepromError, match=f"{place} was not written: the torque of the servo is enabled. Support the arm"
+    ):
         update(bench.bus, 1, None, case.new)
     assert bench.written == []
 

@@ -217,7 +217,7 @@ def test_a_servo_without_acknowledgments_is_refused_with_the_setting() -> None:
 
 
 def test_a_servo_that_acknowledges_writes_despite_its_setting_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A simulator with an empty table behaves in this way."""
+    """A simulator whose control table contains only zeros acknowledges writes although its status level is 0."""
     line = Line()
     line.servos.servo(3).memory.put(sts.status_level, 0)
     line.servos.servo(3).memory.put(sts.acceleration, 7)
@@ -469,7 +469,7 @@ def test_a_limit_without_any_torque_is_refused_with_the_register() -> None:
 
 @pytest.mark.parametrize(("share", "value"), [(1.0, 999), (0.5, 500), (0.1234, 123)])
 def test_the_torque_limit_is_a_share(share: float, value: int) -> None:
-    """The written limit always differs from that of a servo that was reset."""
+    """The full torque limit is written as 999, so that the limit always differs from that of a servo that was reset."""
     line = Line()
     line.bus.limit_torque(1, share)
     assert line.held(1, sts.torque_limit) == value

@@ -1,4 +1,4 @@
-"""Values that servos accept: every writable register of every model has the range of its table."""
+"""Values that servos accept: every writable register of every model has the range that its control table states."""
 
 import pytest
 

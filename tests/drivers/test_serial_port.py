@@ -212,14 +212,14 @@ def test_an_open_port_excludes_programs_that_do_not_lock(adapter: Terminal) -> N
 
 
 def opened_by_nobody(device: str) -> str:
-    """Return the output of a program of an ordinary user that opens the device in the way of the SDKs."""
+    """Run a program as an ordinary user, open the device as the SDKs do, and return the output of the program."""
     program = (
         "import os, sys\n"
         "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)\n"
         "except OSError as error: print(error.strerror)\n"
         "else: print('open')"
     )
-    # The system's Python, because an ordinary user may not have access to that of the environment.
+    # Use the system's Python, because an ordinary user may not have access to the environment's Python.
     command = ["/usr/bin/python3", "-c", program, device]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, user=NOBODY, group=NOBODY, cwd="/")

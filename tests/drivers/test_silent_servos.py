@@ -50,8 +50,8 @@ def test_the_others_are_read_in_every_cycle_after_the_first(kind: Kind, silent: 
 
 @pytest.mark.parametrize("kind", [kind for kind in LINES if kind.waits and not kind.mapped], ids=lambda kind: kind.name)
 def test_a_silent_servo_is_found_if_the_deadline_is_right_after_the_last_reply(kind: Kind) -> None:
-    """The servo's own reply is due earlier, so the deadline is not the cause. The next cycle reads the servos after
-    it."""
+    """The reply of the silent servo is due before the deadline, so the deadline cannot be the cause. The next cycle
+    reads the servos after the silent one."""
     line = Line(kind)
     assert line.missing() == {}
     budget_s = line.bus.exchange_size({}, IDS) * 10.0 / line.port.baud + 0.0003

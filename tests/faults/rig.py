@@ -43,7 +43,7 @@ class FaultRig(FaultyStack):
         self.said.append(f"{self.clock.now():.3f} {text}")
 
     def play(self, *events: Event) -> None:
-        """Play events whose times count from now on."""
+        """Play events whose times are relative to the current world time."""
         self.player.play(events, self.world.time_s)
 
     def endure(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:

@@ -123,7 +123,7 @@ def test_many_late_replies_are_late_by_several_cycles() -> None:
     delays_s = drawn("late_replies", "by_s")
     assert delays_s[0] < 0.0003 and delays_s[-1] > 0.9
     several = sum(0.1 <= delay_s <= 0.5 for delay_s in delays_s) / len(delays_s)
-    assert 0.7 < several < 0.85  # SEVERAL_CYCLES, plus those of the other delays that are within this range
+    assert 0.7 < several < 0.85  # SEVERAL_CYCLES, plus the fraction of the other delays within this range
 
 
 def test_a_type_of_fault_with_a_weight_is_drawn_more_often() -> None:
@@ -135,7 +135,7 @@ def test_half_of_the_durations_are_near_the_time_outs() -> None:
     lengths_s = drawn("silent", "for_s")
     assert lengths_s[0] < 0.003 and lengths_s[-1] > 10.0
     usual = sum(0.05 <= length_s <= 2.0 for length_s in lengths_s) / len(lengths_s)
-    assert 0.6 < usual < 0.75  # half of the durations, plus those of the other half that are within this range
+    assert 0.6 < usual < 0.75  # half of the durations, plus a fraction of the other half
 
 
 @pytest.mark.parametrize(

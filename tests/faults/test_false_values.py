@@ -48,14 +48,14 @@ def test_drawn_values_are_small_and_large_single_and_lasting() -> None:
         (
             "false_value id=1 register=status value=4",
             x.XL430_W250,
-            "a xl430-w250 has no register 'status': `servoloop register list`",
+            "an xl430-w250 has no register 'status': `servoloop register list`",
         ),
         (
             "false_value id=1 register=present_voltage value=256",
             sts.STS3215,
             "present_voltage must be 0 to 255, not 256",
         ),
-        ("false_value id=1 register=nonsense value=1", sts.STS3215, "a sts3215 has no register 'nonsense'"),
+        ("false_value id=1 register=nonsense value=1", sts.STS3215, "an sts3215 has no register 'nonsense'"),
     ],
 )
 def test_values_that_the_model_cannot_report_are_refused(text: str, model: ServoModel, why: str) -> None:

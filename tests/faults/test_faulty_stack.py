@@ -1,4 +1,4 @@
-"""The simulated stack with a fault player: unchanged without faults, and with faults of clients."""
+"""The simulated stack with a fault player: without faults, nothing changes; clients can also have faults."""
 
 import pytest
 

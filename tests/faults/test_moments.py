@@ -1,5 +1,5 @@
-"""Faults during the whole life of a stack, with times that count from its start, from when it is up, or from its
-end."""
+"""Faults during the whole life of a stack. Their times are relative to its start, to the moment when it is up, or to
+its end."""
 
 from collections import Counter
 from dataclasses import replace
@@ -109,8 +109,10 @@ def test_servos_without_a_stack_have_no_start_or_end() -> None:
     with pytest.raises(FaultError) as refused:
         player.play([parse("silent id=1 since=start"), parse("silent id=2 at=1s since=end"), parse("silent id=2")])
     assert str(refused.value).splitlines() == [
-        "silent at 0 s since start: no stack starts here: omit `since`, or play the fault with servoloop campaign",
-        "silent at 1 s since end: no stack ends here: omit `since`, or play the fault with servoloop campaign",
+        "silent at 0 s since start: there is no stack here that starts: "
+        "omit `since`, or play the fault with servoloop campaign",
+        "silent at 1 s since end: there is no stack here that ends: "
+        "omit `since`, or play the fault with servoloop campaign",
     ]
 
 
@@ -120,7 +122,7 @@ def test_a_simulation_without_an_end_refuses_faults_of_the_end(
     faults = tmp_path / "faults.yaml"
     faults.write_text("- {kind: echo, since: start}\n- {kind: echo, since: end}\n")
     said = complaint(capsys, monkeypatch, "simulate", "--seconds", "1", "--faults", str(faults))
-    assert f"{faults}:2: echo at 0 s since end: no stack ends here" in said and ":1:" not in said
+    assert f"{faults}:2: echo at 0 s since end: there is no stack here that ends" in said and ":1:" not in said
 
 
 def test_a_third_of_the_drawn_faults_starts_at_the_start_or_the_end() -> None:

@@ -1,4 +1,4 @@
-"""Faults begin and end in the right millisecond, can overlap, and are followed by the previous state."""
+"""Faults begin and end in the right millisecond, and can overlap. After a fault, the previous state is restored."""
 
 from dataclasses import replace
 from itertools import product

@@ -1,4 +1,4 @@
-"""Wrong settings and loose plugs: invalid ones are refused, and the stack handles the others at activation."""
+"""Wrong settings and loose plugs: impossible faults are refused, and the stack handles all others at activation."""
 
 import pytest
 
@@ -21,12 +21,12 @@ from tests.faults.test_moments import life
         (
             "wrong_setting id=1 register=torque_enable value=0",
             sts.STS3215,
-            "is not a setting that a sts3215 keeps without",
+            "is not a setting that an sts3215 keeps without",
         ),
         (
             "wrong_setting id=1 register=model_number value=1",
             sts.STS3215,
-            "is not a setting that a sts3215 keeps without",
+            "is not a setting that an sts3215 keeps without",
         ),
         ("wrong_setting id=1 register=position_p value=256", sts.STS3215, "position_p must be 0 to 255, not 256"),
         ("wrong_setting id=1 register=position_p value=9", x.XL430_W250, "has no register 'position_p'"),

@@ -61,7 +61,9 @@ def test_a_servo_with_torque_and_other_settings_is_refused_and_keeps_holding() -
     bench.hardware.activate()
     bench.hardware.deactivate(relax=False)
     bench.servos.servo(1).memory.put(sts.position_p, 32)
-    with pytest.raises(ActivationError, match=r"^not activated: shoulder: servo 1: position_p .*holds torque"):
+    with pytest.raises(
+        ActivationError, match=r"^not activated: shoulder: servo 1: position_p .*the torque of the servo is enabled"
+    ):
         bench.hardware.activate()
     assert bench.torque() == list(IDS)
 

@@ -204,7 +204,9 @@ def test_a_fault_is_logged_again_after_a_new_configuration(caplog: pytest.LogCap
     bench.hardware.cleanup()
     bench.servos.faults.restore(2)
     caplog.clear()
-    checks = len(Bench().configured().port.sent) - 1  # the last instruction of a configuration is the first reading
+    checks = (
+        len(Bench().configured().port.sent) - 1
+    )  # the last packet of a configuration is already the first read of a state
     bench.watch_next_port = lambda number, _: bench.servos.faults.silence(2) if number == checks else None
     bench.configured()
     assert bench.opened == 2

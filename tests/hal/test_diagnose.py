@@ -61,7 +61,8 @@ def test_a_servo_at_another_baud_rate_is_found(index: int) -> None:
 
 
 OF_PROTOCOL_1 = (1_000_000, 500_000, 400_000, 250_000, 200_000, 115_200, 57_600, 19_200, 9_600)
-"""2 Mbit/s divided by 2, 4, 5, 8, 10, 17, 35, 104 and 208. The last five baud rates are known by rounded values."""
+"""2 Mbit/s divided by 2, 4, 5, 8, 10, 17, 35, 104 and 208. For the last five rates, this list contains the usual
+rounded values."""
 OF_AN_MX = (2_250_000, 2_500_000, 3_000_000)
 """Baud rates of the register values to which the formula does not apply."""
 
@@ -234,7 +235,7 @@ def disturbed(seed: int, drop: float, flip: float) -> tuple[dict[int, str], Dist
 
 @pytest.mark.parametrize(("drop", "flip"), [(0.09, 0.0), (0.0, 0.09), (0.045, 0.045), (0.5, 0.0)])
 def test_a_bad_connection_yields_no_diagnosis_if_each_servo_answers_once(drop: float, flip: float) -> None:
-    """The caller then uses the message of ``intermittent_text``."""
+    """Without a diagnosis, the caller uses the message of ``intermittent_text``."""
     found = [disturbed(seed, drop, flip) for seed in SEEDS]
     assert [texts for texts, _ in found] == [{}] * len(SEEDS)
     # 16 replies for each bus.

@@ -28,7 +28,7 @@ SHAPES = (
 
 
 EXTRAS = ("rclpy", "ompl", "cv2")
-"""Libraries of extras that no module with a model needs."""
+"""Optional libraries. No module that defines a pydantic model needs them."""
 
 
 def models() -> list[type[BaseModel]]:

@@ -41,9 +41,9 @@ def test_messages_about_one_servo_and_two_servos(what: str, of_two: str, log_lin
     ("first", "second", "both"),
     [
         (
-            "low supply: {} has 5.1 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
-            "low supply: {} has 4.9 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
-            "low supply: {} have 4.9 to 5.1 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
+            "low supply: {} has 5.1 V, but an sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
+            "low supply: {} has 4.9 V, but an sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
+            "low supply: {} have 4.9 to 5.1 V, but an sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
         ),
         (
             "{} reports 5 counts, -0.2 from the previous reading. No joint moves that fast",
@@ -72,7 +72,7 @@ def test_messages_that_differ_in_numbers_are_one_event(
 def test_servos_of_two_models_are_two_events(log_lines: pytest.LogCaptureFixture) -> None:
     log = FaultLog()
     for label, servo_id, model in (("elbow", 2, "sts3215_c001"), ("finger", 7, "sts3215_c044")):
-        log.note(logging.WARNING, label, servo_id, f"{label}: servo {servo_id} is a {model}, and has 5.1 V")
+        log.note(logging.WARNING, label, servo_id, f"{label}: servo {servo_id} is an {model}, and has 5.1 V")
     log.flush()
     assert len(log_lines.messages) == 2
 

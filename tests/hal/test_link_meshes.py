@@ -19,7 +19,7 @@ from tests.pages import code
 
 OWNED = ("koch", "so100", "so101")
 MOST_BYTES = 3_000_000
-"""Maximum total size of all meshes in the wheel."""
+"""Maximum total size of all meshes in the Python wheel, in bytes."""
 
 
 def write_stl(path: Path, corners: FloatArray) -> None:

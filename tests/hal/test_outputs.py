@@ -114,12 +114,12 @@ def test_external_ports_are_read_one_in_a_cycle_and_written_when_they_change() -
 
 def test_a_servo_without_external_ports_is_refused(tmp_path: Path) -> None:
     files = with_elements(tmp_path, f'<gpio name="a">{SOURCE}<state_interface name="external_port_data_1"/></gpio>')
-    with pytest.raises(HalError, match="a: the servo of gripper, a xl330-m288, has no external_port_data_1"):
+    with pytest.raises(HalError, match="a: the servo of gripper, an xl330-m288, has no external_port_data_1"):
         SimulatedStack(files=files).up()
 
 
 def test_a_mock_has_every_output_and_reports_it() -> None:
-    """Other drivers describe their grippers and registers in this way."""
+    """URDFs for other drivers declare grippers and registers as ``<gpio>`` interfaces with any name."""
     text = (
         '<robot name="r"><link name="a"/><link name="b"/><joint name="lift" type="continuous"><parent link="a"/>'
         '<child link="b"/><limit velocity="1" effort="1"/></joint>'

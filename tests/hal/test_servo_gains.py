@@ -71,7 +71,7 @@ def test_a_gain_that_another_program_has_left_is_replaced_and_named(
     right = ram_gains(GRIPPER.model)[register]
     assert arm.held(register) == [right]
     assert caplog.messages == [
-        f"gripper (servo 1): another program has set different gains in its RAM: {register.name} {left} (now "
+        f"gripper (servo 1): another program has set different gains in the servo's RAM: {register.name} {left} (now "
         f"{right}). To keep a gain, write it in the robot file"
     ]
 

@@ -18,8 +18,7 @@ WRIST = Joint("wrist", 6, sts.STS3215, JointLimits(-3.05, 3.05, 4.0, 12.0, 120.0
 
 @given(command=st.floats(-3.05, 3.05), measured=st.integers(0, 4095), held=st.integers(60, 4036))
 def test_a_goal_ends_between_the_command_and_the_joint(command: float, measured: int, held: int) -> None:
-    """This also applies to a joint that is more than half a turn away: its servo does not take the shorter way
-    around."""
+    """The joint may be more than half a turn away from its goal: its servo does not take the shorter way around."""
     goals = ServoGoals([WRIST])
     goals.hold({"wrist": held})
     for _ in range(CYCLES):

@@ -463,7 +463,7 @@ def test_an_arm_can_be_configured_again_after_cleanup() -> None:
 
 
 def test_a_refused_torque_is_reported_as_the_servo_reports_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not every make has a register that contains the reason."""
+    """Servos of some makes have no register that contains the reason for a refusal."""
     bench = Bench().configured()
 
     def refuse(bus: Bus, servo_id: int, *, prepared: bool) -> None:

@@ -103,7 +103,8 @@ def test_even_without_a_gate_no_goal_is_outside_the_limits_or_out_of_reach(wante
 
 
 def test_the_goal_of_a_blocked_joint_is_not_further_ahead_than_needed() -> None:
-    """Otherwise, the joint would jump when it comes free. Other joints are not affected."""
+    """If the goal were farther ahead, the joint would jump when it is no longer blocked. Other joints are not
+    affected."""
     bench = Bench().active()
     wanted = at(-1.5, 1.0, 0.05)
     stuck = JOINTS[0]
@@ -190,7 +191,7 @@ def test_a_goal_at_rest_never_has_unlimited_speed() -> None:
 
 
 def test_the_goal_speed_decays_as_slowly_as_the_servo_follows() -> None:
-    """Otherwise, a servo that lags behind its goals would move the remaining distance slowly."""
+    """If the goal speed decayed faster, a servo that lags behind its goals would move the remaining distance slowly."""
     bench = Bench().active()
     bench.cycle(HERE + at(0.06, 0.0, 0.0))
     fast = speeds(bench)[0]
@@ -357,8 +358,8 @@ def missed_goals() -> Bench:
 
 
 def test_a_servo_that_answers_again_catches_up_in_half_a_second() -> None:
-    """A goal at rest needs no speed by itself, but the distance to the servo does. The servo must neither creep nor
-    jump."""
+    """A goal at rest needs no speed, but the servo must still cover its distance to the goal. The servo must neither
+    creep nor jump."""
     bench = missed_goals()
     bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
     for _ in range(40):

@@ -53,7 +53,9 @@ def test_settings_that_a_servo_already_has_are_not_written() -> None:
 def test_settings_are_not_written_to_a_servo_with_torque() -> None:
     bench = Bench(joints=NAMED)
     bench.servos.servo(1).memory.put(sts.torque_enable, 1)
-    with pytest.raises(DriverError, match=r"servo 1\b.*position_p .*holds torque. Support the arm"):
+    with pytest.raises(
+        DriverError, match=r"servo 1\b.*position_p .*the torque of the servo is enabled. Support the arm"
+    ):
         bench.configured()
     assert bench.held(1, sts.position_p) == 32
     assert bench.torque() == [1]

@@ -72,7 +72,7 @@ def test_many_lost_packets_fail_it_but_the_servo_is_not_reported_as_silent() -> 
 
 @pytest.mark.parametrize("register", [sts.status_level, sts.min_position], ids=lambda register: register.name)
 def test_a_servo_that_answers_intermittently_is_reported_with_joint_and_id(register: Register) -> None:
-    """The lost reply may be that to a request for the model or a setting."""
+    """The lost reply may belong to a request for the model or for a setting."""
     bench = Bench()
     loses_the_question_for(register, bench, ATTEMPTS)
     with pytest.raises(DriverError, match=r"^elbow: servo 2: responds only intermittently: check"):
@@ -88,7 +88,8 @@ def test_an_arm_on_a_bad_bus_is_set_up(kind: Kind) -> None:
 
 @pytest.mark.parametrize("seed", [2, 8])
 def test_an_ax_arm_on_a_bad_bus_is_set_up(seed: int) -> None:
-    """`make test` has no soak tests. An AX sends most of its requests between the first goals and the torque."""
+    """This test also runs in `make test`, which omits soak tests. With an AX, most requests are sent after the first
+    goals and before torque is enabled."""
     is_set_up(next(kind for kind in KINDS if kind.name == "ax-12a"), seed)
 
 

@@ -59,7 +59,8 @@ def test_the_drive_of_a_pressing_jaw_is_reduced_after_the_time() -> None:
 
 
 def test_a_jaw_that_creeps_after_its_motion_has_pressed_since_the_end_of_the_motion() -> None:
-    """In a former version, the time began again while the jaw crept, because its motion had ended a little earlier."""
+    """In an earlier version, the stall timer restarted while the jaw crept, because the motion of the jaw had ended
+    shortly before."""
     watch = StallWatch({"jaw": FULL_AHEAD})
     still = round(0.005 * sts.STS3215.counts_per_turn)
     arrives = [OPEN + still * 10, OPEN + still + 1]

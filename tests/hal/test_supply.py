@@ -43,7 +43,7 @@ def test_servos_of_every_make_are_refused_outside_the_range_of_their_model(kind:
     line = Line(kind)
     feed(line.servos, highest + 0.3 if wrong == "too much" else lowest - 0.3)
     line.clock.sleep_until(line.clock.now() + 0.05)
-    with pytest.raises(DriverError, match=rf"^j: servo {servo_id}: has [0-9.]+ V, but a {model.name} is rated for"):
+    with pytest.raises(DriverError, match=rf"^j: servo {servo_id}: has [0-9.]+ V, but an {model.name} is rated for"):
         arm_on(line, model, servo_id).configure()
 
 
@@ -51,7 +51,7 @@ def test_servos_of_every_make_are_refused_outside_the_range_of_their_model(kind:
 def test_a_supply_changed_while_inactive_keeps_torque_disabled(voltage_v: float) -> None:
     bench = Bench().configured()
     fed_with(bench, voltage_v)
-    with pytest.raises(ActivationError, match=rf"^not activated: shoulder: servo 1: has {voltage_v} V, but a sts3215"):
+    with pytest.raises(ActivationError, match=rf"^not activated: shoulder: servo 1: has {voltage_v} V, but an sts3215"):
         bench.hardware.activate()
     assert (bench.hardware.state, bench.torque()) == (INACTIVE, [])
 
@@ -145,7 +145,7 @@ def test_a_wrong_voltage_in_motion_is_reported_and_logged_once(voltage_v: float,
     status = shown(rig, "shoulder_pan")
     assert status.level == level and status.message.startswith(f"{kind}: the servo has {voltage_v}"), status.message
     assert len(logged(rig, f"{kind}: shoulder_pan (servo 1), shoulder_lift (servo 2), ")) == 1
-    assert len(logged(rig, f"gripper (servo 6) have {voltage_v} V, but a sts3215_c001 is rated for")) == 1
+    assert len(logged(rig, f"gripper (servo 6) have {voltage_v} V, but an sts3215_c001 is rated for")) == 1
     rig.endure(1.5)
     assert len(logged(rig, kind)) == 1, "one line for all servos"
     assert len(logged(rig, "gripper (servo 6) have a correct voltage again: 7.4 V")) == 1
@@ -168,7 +168,7 @@ def test_a_supply_that_sags_in_each_motion_is_one_episode() -> None:
 def test_an_so101_with_a_supply_for_other_servos_gets_no_torque() -> None:
     rig = FaultRig("so101")
     feed(rig.bus, 12.4)
-    with pytest.raises(DriverError, match=r"^shoulder_pan: servo 1: has 12\.4 V, but a sts3215_c001 is"):
+    with pytest.raises(DriverError, match=r"^shoulder_pan: servo 1: has 12\.4 V, but an sts3215_c001 is"):
         rig.up()
 
 

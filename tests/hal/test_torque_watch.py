@@ -80,7 +80,7 @@ def test_two_short_silences_are_not_one_long_silence() -> None:
 def test_a_servo_reset_within_a_cycle_is_detected(rate_hz: float, held_back_s: float) -> None:
     loop = Paced(rate_hz, held_back_s)
     loop.bench.servos.servo(7).power_cycle()
-    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # the next goal would have this effect
+    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # the next goal would also enable the torque
     faults = loop.cycles(LONGEST_S + 0.1)[-1]
     assert faults["finger"].text.startswith("finger: servo 7 has lost its torque")
 
@@ -141,7 +141,7 @@ def test_a_servo_that_does_not_answer_differs_from_one_without_torque() -> None:
 
 
 def test_cycles_without_time_left_are_logged_at_most_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
-    """Every second cycle has no time left, as at a rate that the bus does not keep."""
+    """Every second cycle has no time left, as at a cycle rate that is too high for the bus."""
     loop = Paced(100.0, 0.0)
     clock, hardware = loop.bench.clock, loop.bench.hardware
     for cycle in range(250):

@@ -20,7 +20,7 @@ GEAR = """<transmission name="gear"><plugin>transmission_interface/SimpleTransmi
 
 
 def geared(folder: Path, inside: str, joint: str = "gripper", text: str = GEAR) -> ServoFiles:
-    """Read an SO-101 with a gear whose robot file contains no zero."""
+    """Read an SO-101 that has a gear in its URDF and no zero for the gripper in its robot file."""
     own = find_arm("so101").folder
     urdf, robot = folder / "arm.urdf", folder / "robot.yaml"
     urdf.write_text((own / "arm.urdf").read_text().replace("</ros2_control>", text.format(inside=inside, joint=joint)))

@@ -29,7 +29,7 @@ scs20:
 
 @contextmanager
 def forgotten() -> Iterator[None]:
-    """Remove the models that users have added from the catalog after the block."""
+    """After the block, remove all user-defined models from the catalog."""
     try:
         yield
     finally:

@@ -71,7 +71,7 @@ def test_new_viewer_receives_the_running_goal() -> None:
 
 
 def test_new_viewer_receives_the_result_of_the_last_goal() -> None:
-    """Otherwise, the goal would seem to run forever."""
+    """Without the result, the viewer would show the goal as running forever."""
     rig = LiveRig()
     for joint6 in (0.2, 0.4):
         rig.stack.go([*READY[:5], READY[5] + joint6], 0.5)

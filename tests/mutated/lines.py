@@ -19,7 +19,7 @@ PACKET_S: Final = 0.003
 STREAMS_PER_LINE: Final = 500
 """Number of streams after which a new line with factory-new servos is used."""
 ARMS: Final = {"sts": "so101", "x": "robot_arm_dynamixel", "xl330": "koch"}
-"""One arm for each make of servo that an arm has."""
+"""An included arm for each make of servo, keyed by make. No included arm has servos of the other makes."""
 
 Hear = Callable[[bytes], object]
 

@@ -1,4 +1,4 @@
-"""Namespaces that a user names: which are accepted, and what rcl makes of them."""
+"""Tests of namespaces that a user specifies: which of them are accepted, and how rcl interprets them."""
 
 from pathlib import Path
 

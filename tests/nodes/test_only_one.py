@@ -1,4 +1,5 @@
-"""Of two nodes with one name, the newer one reports the other at once, even if the older one discovers it first."""
+"""If two nodes have the same name, the newer node reports the older node immediately, even if the older node discovers
+the newer one first."""
 
 import pytest
 

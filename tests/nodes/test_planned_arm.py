@@ -1,5 +1,5 @@
-"""A job that needs a motion planner waits until the services of the planner are there, because an earlier request is
-lost."""
+"""A job that needs a motion planner waits until the services of the planner are available, because a request sent
+earlier would be lost."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -31,7 +31,7 @@ def node(ros_domain: int) -> Iterator[Node]:
 
 
 def outcome_of_removal(node: Node, server_timeout_s: float) -> JobOutcome:
-    """Remove an object that does not exist, which needs only the current scene."""
+    """Remove an object that does not exist. This removal requests only the current scene from the planner."""
     arm = PlannedArm(node, PoseSettings(server_timeout_s=server_timeout_s))
     executor = SingleThreadedExecutor()
     executor.add_node(node)

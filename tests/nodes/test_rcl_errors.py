@@ -1,4 +1,4 @@
-"""Errors of rcl become one sentence, and errors in our code keep their traceback."""
+"""Errors of rcl are reported in one sentence, and errors in our code keep their traceback."""
 
 from pathlib import Path
 from typing import Any

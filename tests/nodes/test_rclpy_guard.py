@@ -28,7 +28,7 @@ def other_version() -> Iterable[str]:
 
 
 def lost(monkeypatch: pytest.MonkeyPatch, patch: Patch) -> str:
-    """Return the warning if only this patch does not fit."""
+    """Check that only this patch does not fit the installed rclpy, and return the warning."""
     usable, warning = select(PATCHES, KNOWN)
     assert usable == frozenset(PATCHES) - {patch}
     assert patch.loss in warning and not any(other.loss in warning for other in usable)

@@ -18,7 +18,7 @@ def private(name: str) -> bool:
 
 
 def on_others(tree: ast.AST) -> Iterator[str]:
-    """Yield the private attributes that are used of any object except for ``self``."""
+    """Yield the private attributes that are accessed on objects other than ``self``."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and private(node.attr) and ast.unparse(node.value) not in OWN:
             yield ast.unparse(node)
@@ -58,6 +58,6 @@ def test_private_parts_in_patches_are_found() -> None:
 
 
 def test_replaced_clock_is_found() -> None:
-    """If an attribute of ours had the same name as one of rclpy, it would not be found, so the node must use a
-    different name."""
+    """If our class had an attribute with the same name as a private attribute of rclpy, the use of rclpy's attribute
+    would not be found. Our class must therefore use a different name."""
     assert of_rclpy("class Ours(Node):\n    def now(self):\n        return self._clock.now()\n") == ["Ours._clock"]

@@ -1,4 +1,4 @@
-"""Waiting for a future leaves no callback behind for the events served meanwhile."""
+"""After waiting for a future, the events that were served in the meantime have left no callbacks on it."""
 
 from collections.abc import Callable, Iterator
 

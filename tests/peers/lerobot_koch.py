@@ -36,7 +36,7 @@ def read(bus: Any, name: str) -> dict[str, int]:
 
 
 def calibrate(bus: Any) -> dict[str, Any]:
-    """Make the present pose the middle of all motors, as ``KochFollower.calibrate`` does."""
+    """Make the current pose the middle position of all motors, as ``KochFollower.calibrate`` does."""
     bus.disable_torque(num_retry=RETRIES)
     for motor in MODELS:
         write(bus, "Operating_Mode", motor, dynamixel.OperatingMode.EXTENDED_POSITION.value)

@@ -1,8 +1,8 @@
 """Serve a virtual line on a pseudo-terminal for a client that treats it as a real line.
 
 Arguments: LINK MODEL[,MODEL...] ID..., with one model for all servos or one for each. The line runs in a separate
-process, because a client may hold its interpreter for as long as it waits. It has the priority of
-``servoloop emulate``, because the makers' SDKs wait only 34 ms for an answer.
+process, because a client may hold Python's interpreter lock while it waits. The process has the priority of ``servoloop
+emulate``, because the makers' SDKs wait only 34 ms for an answer.
 """
 
 import signal

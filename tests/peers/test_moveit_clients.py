@@ -1,4 +1,4 @@
-"""Programs of other projects that were written for MoveIt, unchanged, with the plan server."""
+"""Tests of unmodified programs of other projects, which were written for MoveIt, with the plan server."""
 
 import json
 import subprocess
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 CLIENTS = Path(__file__).parent / "moveit_clients"
 SUCCESS = 1
 (RENAMING,) = (block.commands for block in blocks("several-arms.md") if "--ros-args $rules" in block.text)
-"""Lines that start a program whose names start with a slash in the namespace ``/left``."""
+"""Command lines that start a program in the namespace ``/left``. The names in this program begin with a slash."""
 
 
 @pytest.fixture(scope="module")

@@ -63,7 +63,9 @@ def test_zero_gains_and_id_are_kept(bus: Any) -> None:
     motor = bus[3]
     motor.move_to(0.4, wait=True)
     motor.set_zero()
-    eventually(lambda: motor.position == pytest.approx(0.0, abs=0.01))  # of its last millisecond
+    eventually(
+        lambda: motor.position == pytest.approx(0.0, abs=0.01)
+    )  # the servo updates its position every millisecond
     motor.pid = (20, 0, 16)
     assert tuple(motor.pid) == (20, 0, 16)
     motor.id = 9

@@ -22,7 +22,7 @@ DARK = np.array([0.045, 0.032, 0.022])
 
 @dataclass(frozen=True)
 class PaintedApple:
-    """An apple of the truth."""
+    """Apple to be painted, whose true shape and colors are known."""
 
     center_m: Array
     radius_m: float

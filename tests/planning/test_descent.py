@@ -19,5 +19,6 @@ def reached(arm: str, seed: int) -> int:
 
 
 def test_joints_at_their_limits_do_not_hold_up_the_others() -> None:
-    """If the steps are only clipped, on average 18 instead of 23 of 64 starts reach such a pose (mean of 20 poses)."""
+    """If steps were only clipped, an average of 18 of 64 starts would reach such a pose instead of 23 (mean of 20
+    poses)."""
     assert np.mean([reached("robot_arm", seed) for seed in range(20)]) >= 21

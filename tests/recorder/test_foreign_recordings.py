@@ -151,7 +151,7 @@ def test_flipped_bit_ends_the_recording_with_a_warning(
     run = read_recording(path)
     assert 0 < len(run.time_s) < len(ROWS)
     np.testing.assert_allclose(run.position[:, 0], [row["joint1"] for _, row in ROWS][: len(run.time_s)], atol=1e-9)
-    assert f"{path} is damaged and is read only up to the damage" in caplog.text
+    assert f"{path} is damaged; only the part before the damage is used" in caplog.text
     assert CliRunner().invoke(app, ["plot", str(path)]).exit_code == 0
     assert PlayedRecording(path).length_s == pytest.approx(run.time_s[-1])
 

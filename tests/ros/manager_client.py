@@ -138,7 +138,7 @@ class ManagerClient:
 
     @contextmanager
     def hearing(self, kind: Any, topic: str, qos: Any = 10) -> Iterator[list[Any]]:
-        """Record the messages of a topic of the stack, from the discovery of its publisher on."""
+        """Record the messages of a topic of the stack, starting when its publisher has been discovered."""
         messages: list[Any] = []
         subscription = self.node.create_subscription(kind, self.namespace + topic, messages.append, qos)
         try:

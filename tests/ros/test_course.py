@@ -46,7 +46,7 @@ EXPECTED = {
     "course.py": "the arm is at the ready pose",
     "scene remove": "removed box",
 }
-"""Part of the output, by a part of the command."""
+"""Expected part of the output, keyed by a part of the command."""
 
 
 def program_of(command: str) -> list[str]:

@@ -250,7 +250,7 @@ def test_shutdown_of_ros_raises(executor: CycleExecutor, node: Node) -> None:
 
 
 def test_failing_callback_does_not_delay_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The answer was complete at the same time, and would not wake the executor again."""
+    """The answer is complete at the same time as the callback fails, and does not wake the executor again."""
     ros_nodes = StackNodes.__new__(StackNodes)
     answered: list[int] = []
 

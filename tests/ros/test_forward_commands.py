@@ -118,8 +118,8 @@ def test_command_of_wrong_length_is_ignored(
 def test_command_of_wrong_length_deactivates_the_controller_if_configured(
     client: TopicClient, stack: StackProcess
 ) -> None:
-    """As in ros2_control, the joint holds its position and the other controllers continue. Commands that are sent
-    meanwhile are still ignored later."""
+    """As in ros2_control, the joint holds its position and the other controllers continue. Commands sent while the
+    controller is inactive have no effect after it is activated again."""
     client.send("strict_controller", 0.1)
     client.arrives(joint1=0.1)
     client.send("strict_controller", 0.2, 0.3)

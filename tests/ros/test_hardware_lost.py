@@ -99,8 +99,8 @@ def test_stack_with_stay_waits_for_missing_servos(ros_domain: int, tmp_path: Pat
                 known = [*ARM] if name == "arm" else ["hand_left_joint", HAND, *ARM]
                 client.spin_until(lambda known=known: bool(messages) and messages[-1].name == known)
             assert activate(client, "arm_controller", "hand_controller")[0]
-            # Without torque the arm lies on the stand. On a busy machine, the arm is lifted too late for the first
-            # goal.
+            # Without torque the arm lies on the stand. On a busy machine, it may rise too late for the first goal, so
+            # a second goal is allowed.
             assert any(client.wait(client.send(READY)).status == SUCCEEDED for _ in range(2))
             # A joint is not reported until it has been measured.
             assert all(map(math.isfinite, (value for message in messages for value in message.position)))

@@ -43,7 +43,7 @@ class Bench:
         self.until(lambda: bool(self.seen and self.dynamic))
         self.until(lambda: all(p.get_subscription_count() for p in self._publishers.values()))
         self.first = self.seen[0]
-        """Record the states before the first command."""
+        """State before the first command."""
 
     def _take(self, message: JointState) -> None:
         columns = (message.position, message.velocity, message.effort)

@@ -40,7 +40,7 @@ BOWS = {
     "over an obstacle": (0.0, 0.25, 0.0, 0.0, 0.1, 0.0),
 }
 FOLLOWING_RAD = 0.04
-"""Maximum following error of full-speed plans that sag and lag cause, in rad."""
+"""Maximum following error of full-speed plans due to sag and lag, in rad."""
 START_RAD = 0.01
 """Value of MoveIt's allowed_start_tolerance, in rad."""
 BACKLASH_RAD = math.radians(1.0)

@@ -1,4 +1,4 @@
-"""Two stacks of the same arm in one domain: their nodes, frames, diagnostics and sockets do not meet."""
+"""Two stacks of the same arm in one domain: their nodes, frames, diagnostics and sockets stay separate."""
 
 from collections.abc import Iterator
 

@@ -354,7 +354,8 @@ def test_motion_timeout_follows_simulated_time(ros_domain: int, tmp_path: Path) 
 
 
 ANSWERED_S = 1.0
-"""Wait until the node has received the response to its goal, which may be lost with its sender."""
+"""Time for the node to receive the response to its goal, in seconds. The response may be lost if its sender ends
+earlier."""
 
 
 @pytest.mark.parametrize("canceled", [False, True], ids=["in a motion", "behind a cancel"])

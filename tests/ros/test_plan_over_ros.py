@@ -22,7 +22,7 @@ OUTPUT = {
     "--plan-only": "a motion is possible",
     "remove": "removed box",
 }
-"""Beginning of a line of the output, by a word of the command."""
+"""Expected beginning of an output line, keyed by a word of the command."""
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ def environment(ros_domain: int) -> dict[str, str]:
 
 
 class Served:
-    """Run a command until the end of the test."""
+    """Process of a command that runs until the end of the test."""
 
     def __init__(self, command: str, log: Path, environment: dict[str, str]) -> None:
         self.log = log

@@ -63,7 +63,9 @@ def on_curve(wanted: Polynomial, span_s: float, states: Sequence[Any]) -> int:
         assert list(state.reference.accelerations) == pytest.approx([wanted.deriv(2)(t_s)] * 6, abs=1e-4)
         if t_s + PERIOD_S < span_s:
             ahead = [wanted(t_s + PERIOD_S)] * 6
-            if wanted.deriv()(t_s) > 0.999 * FASTEST_RAD_S:  # A late cycle cannot be caught up.
+            if (
+                wanted.deriv()(t_s) > 0.999 * FASTEST_RAD_S
+            ):  # At full speed, the arm cannot catch up after a late cycle.
                 assert list(state.output.positions) <= [one + 1e-6 for one in ahead]
             else:
                 assert list(state.output.positions) == pytest.approx(ahead, abs=1e-6)

@@ -76,7 +76,8 @@ def finish(client: TrajectoryClient, sent: Sent, before: int) -> list[Any]:
 @pytest.mark.row("jtc-13", "jtc-16", "golden-one-point")
 @pytest.mark.parametrize("ahead_s", [None, 0.4])
 def test_motion_starts_in_the_first_cycle_after_the_goal(at_zero: TrajectoryClient, ahead_s: float | None) -> None:
-    """This also applies to a future stamp: the motion to the first point lasts until then."""
+    """A stamp in the future does not delay the start: the motion to the first point lasts until the time of the
+    stamp."""
     before, sent_s = at_zero.now(), seconds(at_zero.stamp(0.0))
     sent = at_zero.send(goal_of(T(P(0.6, 0.6), stamp=None if ahead_s is None else at_zero.stamp(ahead_s))))
     accepted_s = seconds(at_zero.stamp(0.0))
@@ -96,7 +97,7 @@ def test_point_times_count_from_a_future_stamp(at_zero: TrajectoryClient) -> Non
     assert to_first
     for state, at_s in zip(to_first, passes_s(to_first, 0.3), strict=True):
         assert at_s == pytest.approx(seconds(stamp) + 0.5, abs=CLOCK_S)
-        assert 0.3 <= state.reference.velocities[0] < 0.35  # The motion takes all the time until then.
+        assert 0.3 <= state.reference.velocities[0] < 0.35  # The motion uses all the time until its first point.
     last = on_line(states, 2.0)
     assert passes_s(last, 0.7) == pytest.approx([seconds(stamp) + 0.7] * len(last), abs=CLOCK_S)
 

@@ -156,7 +156,7 @@ def test_invalid_tolerance_is_named_in_the_log(stuck: TrajectoryClient, kind: st
 
 @pytest.mark.row("jtc-25", "golden-stuck-path", "golden-path-tolerance")
 def test_violated_path_tolerance_aborts_and_holds_the_measured_position(stuck: TrajectoryClient) -> None:
-    """Without deceleration this also applies, as in ros2_control."""
+    """Without deceleration, the arm holds the measured position, as in ros2_control."""
     before = stuck.now()
     sent = stuck.send(goal_of(joint(2, 0.8, 1.6), path={"joint2": 0.05}))
     assert cut(stuck.outcome(sent)) == PATH
@@ -168,7 +168,8 @@ def test_violated_path_tolerance_aborts_and_holds_the_measured_position(stuck: T
 
 @pytest.mark.row("jtc-25", "jtc-34", "golden-path-tolerance")
 def test_decelerating_abort_brakes_and_relieves_a_blocked_joint(stuck: TrajectoryClient) -> None:
-    """This is the default here. The goal ends when the joints are at rest and no longer press against an obstacle."""
+    """Deceleration is the default in this project. The goal ends when the joints are at rest and no longer press
+    against an obstacle."""
     assert stuck.set("constraints.decelerate_on_cancel", True) == (True, "")
     before = stuck.now()
     assert cut(stuck.outcome(stuck.send(goal_of(joint(2, 1.5, 1.5), path={"joint2": 0.4})))) == PATH

@@ -1,4 +1,5 @@
-"""Two controller managers with one name in one domain: the newer stack does not start, or ends; an old one goes on."""
+"""Two controller managers with the same name in one domain: the newer stack does not start or ends, and the older stack
+continues."""
 
 import signal
 from collections.abc import Iterator

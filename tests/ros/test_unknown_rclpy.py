@@ -1,4 +1,4 @@
-"""With an unknown version of rclpy the stack uses no patch, logs one warning and works otherwise."""
+"""With an unknown version of rclpy, the stack uses no patch, logs one warning and otherwise works normally."""
 
 import signal
 from collections.abc import Iterator

@@ -112,7 +112,7 @@ def tells_the_next_servo(patch: pytest.MonkeyPatch) -> None:
 
 
 def believes_in_torque(patch: pytest.MonkeyPatch) -> None:
-    """A servo that has lost its torque is assumed to have it."""
+    """A servo that has lost its torque is assumed to have torque enabled."""
 
     def wrong(bus: Bus, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         return dict.fromkeys(servo_ids, True)

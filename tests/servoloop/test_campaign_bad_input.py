@@ -76,7 +76,7 @@ def test_a_fault_that_the_arm_does_not_support_is_refused_with_its_line(
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nfaults:\n- {kind: echo}\n- {kind: dead_encoder, servo_id: 3}\n")
     message = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
-    assert f"{path}:5: dead_encoder at 0 s: servo 3 is a " in message
+    assert f"{path}:5: dead_encoder at 0 s: servo 3 is an " in message
 
 
 CHANGE = ": change the scenario or remove the promise"

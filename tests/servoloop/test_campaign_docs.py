@@ -64,12 +64,12 @@ def test_the_page_explains_every_invariant_and_what_it_counts() -> None:
     names = [kind.name for kind in ALL]
     explained = [row[0] for row in rows("Invariants")]
     assert explained[1 : len(ALL) + 1] == names
-    counted = [name for row in rows("Marks") for name in row[1].split("; ") if name in names]
+    counted = [name for row in rows("Coverage") for name in row[1].split("; ") if name in names]
     assert sorted(counted) == sorted(names)
 
 
 def test_the_page_explains_every_phase_of_a_visit() -> None:
-    assert [row[0] for row in rows("Marks") if row[0].startswith("`")] == [f"`{phase}`" for phase in PHASES]
+    assert [row[0] for row in rows("Coverage") if row[0].startswith("`")] == [f"`{phase}`" for phase in PHASES]
 
 
 @pytest.mark.runs(f"{PAGE} yaml 1")

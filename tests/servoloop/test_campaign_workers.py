@@ -151,7 +151,7 @@ def test_a_killed_run_is_the_only_lost_result_and_keeps_its_place() -> None:
 
 
 def test_after_a_stop_no_task_starts_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Otherwise, a task whose runs hang would continue for minutes after Ctrl-C."""
+    """If another run were started, a task whose runs hang would continue for minutes after Ctrl-C."""
     begun, goes_on, ran = Event(), Event(), list[int]()
 
     class Waits(Supervisor):

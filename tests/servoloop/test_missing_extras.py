@@ -22,7 +22,7 @@ from tests.servoloop.without import EXTRAS
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 100.0
 PORT = "/dev/ttyACM77"
-"""Port of no machine."""
+"""Serial port that does not exist on any machine."""
 ARM = ROOT / "config" / "arms" / "so101"
 
 
@@ -111,7 +111,8 @@ LINES: Final = (
     Line("teach list"),
     Line("teach remove no_such_motion"),
 )
-"""Each ends without an arm. A command that needs an extra is refused before it reads the rest of its command line."""
+"""Each of these commands ends even if no arm is connected. A command that needs an extra is refused before it reads the
+rest of its command line."""
 OPTIONAL: Final = {
     "arms check so101": "sim",
     "arms new mine robot.urdf": "sim",

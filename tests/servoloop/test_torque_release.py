@@ -46,15 +46,17 @@ class Row:
 
 ROWS = {
     "teleop": Row(
-        "teleop {held} {limp} --hands-free", ["leader/shoulder_pan (servo 1), ", "leader/gripper (servo 6) hold", FALL]
+        "teleop {held} {limp} --hands-free", ["leader/shoulder_pan (servo 1), ", "leader/gripper (servo 6) have", FALL]
     ),
     "teach record": Row("teach record wave --arm {arm} --port {held} --limp", [ALL, FALL]),
     "calibrate": Row("calibrate --arm {arm} --port {held}", [ALL, FALL]),
-    "register write": Row("register write torque_enable 0 --id 3 --port {held}", ["servo 3", "drops its load"]),
+    "register write": Row("register write torque_enable 0 --id 3 --port {held}", ["servo 3", "drop its load"]),
     "reboot": Row("reboot 3 --port {held}", ["servo 3", FALL]),
     "tune": Row("tune wrist_roll --arm {arm} --port {held} --out {folder}/one.svg", [ALL, FALL]),
     "factory-reset": Row("factory-reset 3 --port {held} --yes", ["servo 3", FALLS], asks=False),
-    "passport restore": Row("passport restore {passport} --port {held} --yes", ["servo 3 holds torque", FALL], False),
+    "passport restore": Row(
+        "passport restore {passport} --port {held} --yes", ["servo 3 has torque enabled", FALL], False
+    ),
     "doctor": Row("doctor --move --arm {arm} --port {held} --yes", [ALL, FALL], asks=False, status=0),
     "bench arm": Row("bench arm --arm {arm} --port {held} --out {folder}/bench.html --yes", [ALL, FALL], asks=False),
     "set-id": Row("set-id 3 9 --port {held}", ["servo 3", "Support the arm"], asks=False),
@@ -62,7 +64,7 @@ ROWS = {
 }
 LEAVES_TORQUE = {
     "bench bus": "releases only servos that it has switched on itself",
-    "setup": "writes nothing to a servo that holds torque, and releases only one that it has turned itself",
+    "setup": "writes nothing to a servo whose torque is enabled, and releases only one that it has turned itself",
     "up": "parks the arm at its end and releases it only if the robot file requires it",
     "topic-host": "ends as up does",
     "replay": "ends as up does",

@@ -34,7 +34,7 @@ def test_every_servo_answers_at_the_rate_of_the_file_also_after_a_restart(tmp_pa
 
 def test_an_unsupported_rate_is_refused_with_the_supported_rates(tmp_path: Path) -> None:
     files = read_files(robot=at_rate(tmp_path, "robot_arm.yaml", 57_601))
-    with pytest.raises(RobotFileError, match=r"joint1: a sts3215 supports 38400, .*1000000 baud, not 57601"):
+    with pytest.raises(RobotFileError, match=r"joint1: an sts3215 supports 38400, .*1000000 baud, not 57601"):
         virtual_bus(files.robot, WorldPlant(World(), couplings(files.robot)))
 
 

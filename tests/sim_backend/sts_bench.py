@@ -31,7 +31,8 @@ class StsBench:
         self.rig = Rig([self.servo], self.plant, supply or Supply(model.rated_voltage_v, 0.0))
 
     def __setitem__(self, register: Register, value: int) -> None:
-        """Write a register and make it take effect: 85, 86 and phase take effect only after a write of 41 or 46."""
+        """Write a register and make it take effect. Registers 85 and 86 take effect only after a write to register 41,
+        and the phase register after a write to register 46."""
         self.servo.write(register.address, register.encode(value, "little"))
         if register in (sts.acceleration, sts.goal_velocity):
             self.run(0.001)

@@ -156,7 +156,7 @@ def changed(path: Path, old: str, new: str) -> None:
     ("old", "new", "says"),
     [
         ("servos:", "servos: [", "is not YAML"),
-        ("sts3215", "scs15", "shaft1: the model in the file is scs15, but the arm has a sts3215"),
+        ("sts3215", "scs15", "shaft1: the model in the file is scs15, but the arm has an sts3215"),
         ("shaft2", "shaft7", "shaft7 has no servo"),
         ("shaft2", "shaft1", "shaft1 has no servo, or the file has two entries"),
         ("homing_offset: 0", "homing_offset: 5000", "homing_offset must be -2047 to 2047, not 5000"),

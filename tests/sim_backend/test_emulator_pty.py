@@ -203,7 +203,8 @@ def test_ticks_are_called_until_stop(tmp_path: Path) -> None:
 
 
 def test_a_tick_reports_the_time_of_the_world(tmp_path: Path) -> None:
-    """If the process is delayed after the physics, the observed world has the time of the physics."""
+    """If the process is delayed after a physics step, ``on_tick`` must still receive the time that the physics has
+    reached."""
     bus, clock = VirtualBus.of(BenchPlant(IDS)), MonotonicClock()
     begin_s = clock.now()
     seen: list[tuple[float, float]] = []

@@ -138,7 +138,8 @@ def test_a_cube_that_is_not_done_stays(run, world, cube):
 
 
 def test_a_cube_leaning_against_the_open_hand_at_ready_is_done(run, world):
-    """A failed job has left the cube there, and the arm has returned without it."""
+    """A failed job has left the cube against the open hand, and the arm has returned to the ready pose without the
+    cube."""
     world.touched = True
     run(1.0)
     assert run(2.0, joint=5, speed=1.0) == 1

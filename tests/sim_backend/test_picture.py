@@ -100,7 +100,7 @@ def test_the_picture_shows_the_cube_and_the_bins():
 
 
 def test_a_picture_does_not_depend_on_earlier_pictures():
-    """This includes areas that the arm no longer hides or shades."""
+    """The compared pictures include areas that the arm no longer hides or shades."""
     worlds = [World(initial_position=[turn, 0.3, -0.6, -0.8, -0.9, 0.4, 0.02]) for turn in (-0.6, 0.0, 0.7)]
     view = View(worlds[0].model, worlds[0].data, width=120, height=90)
     pictures = [view.picture(world.data) for world in worlds]

@@ -18,7 +18,8 @@ def _free(bench: StsBench) -> None:
 
 
 def test_the_stiffness_matches_the_position_loop() -> None:
-    """The drive is 8 u per count at P = 32, beyond a dead zone of 1 count and with 16 u of startup force."""
+    """At P = 32, the drive is 8 units per count beyond a dead zone of 1 count, plus 16 units of startup force. One unit
+    is 1/1000 of full drive."""
     bench = StsBench()
     bench[sts.position_d] = 0
     bench.go(2048)

@@ -34,7 +34,9 @@ def test_damping_uses_the_change_within_20_ms() -> None:
     drives = []
     for count in range(2048, 2148):
         wire.turn_to(count)
-        drives.append(wire.read(60, 2))  # one millisecond for the read and one more: 500 counts/s, 10 per sample
+        drives.append(
+            wire.read(60, 2)
+        )  # the read and the wait take one millisecond each: 500 counts/s, or 10 counts in 20 ms
         wire.wait(0.001)
     assert set(drives[50:]) <= {9 * 4 + 16, 10 * 4 + 16, 11 * 4 + 16}
 
@@ -427,7 +429,7 @@ def test_overheating_shorts_the_motor_and_discards_the_goal() -> None:
     fallen = wire.read(56, 2)
     assert wire.error_byte() == HEAT
     assert (wire.read(40), wire.read(60, 2)) == (1, 0)
-    assert 10 < begin - fallen < 600  # 1 N m against the short circuit's 0.6 N m s is slow
+    assert 10 < begin - fallen < 600  # the shorted motor (0.6 N m s) lets a load of 1 N m fall only slowly
     wire.write(13, bytes((70,)))
     wire.wait(1.0)
     assert wire.error_byte() == 0

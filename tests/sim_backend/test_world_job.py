@@ -36,7 +36,8 @@ def quintic(s):
 
 
 def trapezoid(s, ramp=0.3):
-    """Accelerate and brake with limited jerk in a share `ramp` of the time each, with constant speed in between."""
+    """Return the position at time `s`, both as fractions of the motion. Acceleration and braking have limited jerk, and
+    each takes the fraction `ramp` of the time."""
     if s > 0.5:
         return 1.0 - trapezoid(1.0 - s, ramp)
     x = min(1.0, s / ramp)
@@ -44,8 +45,8 @@ def trapezoid(s, ramp=0.3):
 
 
 class Servos:
-    """Seven servos on a world. `error_rad` contains the errors of the arm's servos; the limit of the hand is half its
-    drive."""
+    """Seven servos on a world. `error_rad` contains the measurement errors of the arm's servos. The servo of the hand
+    uses at most half of its drive."""
 
     def __init__(self, world, error_rad):
         self.world = world

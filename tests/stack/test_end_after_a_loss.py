@@ -23,7 +23,7 @@ def up(*faults: str) -> FaultyStack:
 
 
 def ended(*faults: str) -> FaultyStack:
-    """Return such a stack after its program has ended."""
+    """Return a stack created by ``up``, after its program has ended."""
     stack = up(*faults)
     end_program(stack)
     return stack

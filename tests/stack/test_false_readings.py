@@ -1,4 +1,4 @@
-"""A false position with a valid checksum moves no joint, for whatever reason a measured position becomes a goal."""
+"""A false position with a valid checksum never moves a joint, whatever event turns a measured position into a goal."""
 
 from collections.abc import Callable
 

@@ -153,7 +153,8 @@ def test_a_driver_that_sends_a_wrong_goal(monkeypatch: pytest.MonkeyPatch, off: 
 @pytest.mark.parametrize(("kick", "seen"), [(6.0, set()), (40.0, {"no joint too fast"})])
 @pytest.mark.parametrize("fault", ["", "jammed id=1 at=0.8s for=0.1s"])
 def test_a_joint_that_turns_faster_than_its_limit(kick: float, seen: set[str], fault: str) -> None:
-    """A jammed joint is excused because it may spring back; a blow of 20 ms is not."""
+    """The speed of a jammed joint does not count, because the joint may spring back. The speed after a hard blow of 20
+    ms counts."""
 
     def with_a_blow(stack: FaultyStack) -> None:
         def strike(time_s: float) -> None:

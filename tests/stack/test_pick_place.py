@@ -82,7 +82,7 @@ def _files(folder: Path, *, robot: tuple[str, str] = ("", ""), urdf: tuple[str, 
 
 
 def test_job_succeeds_with_spline_interpolation(tmp_path: Path, grade: str = "B") -> None:
-    """A goal without velocities then becomes a linear motion, with velocity steps at its ends."""
+    """With splines, a goal without velocities becomes a linear motion, with velocity steps at its ends."""
     rig = SimulatedStack(
         files=_files(tmp_path, robot=("interpolation_method: ruckig", "interpolation_method: splines"))
     ).up()

@@ -13,8 +13,8 @@ from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.012
 RESTING_RAD = 0.01
-"""Maximum oscillation of joint1, whose gear gravity does not load. Other joints sag at first under the weight of the
-cube."""
+"""Maximum oscillation of joint1, in rad. Gravity does not load the gears of this joint. Other joints sag at first under
+the weight of the cube."""
 ACTIVATED_S = 2.5
 """Time for the arm to sink after the activation and to rise again, in seconds."""
 FEW, SOME = 2, 5

@@ -74,7 +74,7 @@ def test_leader_with_torque_is_released_only_after_confirmation() -> None:
         release_leader(rig.teleop, no)
     assert torque(line) == [2, 3]
     (asked,) = rig.asked
-    assert "leader/shoulder_lift (servo 2), leader/elbow_flex (servo 3) hold torque, and the arm may fall" in asked
+    assert "leader/shoulder_lift (servo 2), leader/elbow_flex (servo 3) have torque enabled, and" in asked
     release_leader(rig.teleop, rig.asked.append)
     assert torque(line) == []
 
@@ -105,7 +105,7 @@ def test_leader_that_returns_with_torque_is_reported_but_not_released() -> None:
     rig.leader.plugged = True
     shown = rig.attend(2.5)
     assert torque(line) == [3] and rig.controller.phase is FollowerPhase.HOLDING
-    assert "leader/elbow_flex (servo 3) holds torque, and the arm may fall" in shown
+    assert "leader/elbow_flex (servo 3) has torque enabled, and the arm may fall" in shown
 
 
 def test_follower_joins_the_leader_slowly_from_any_position() -> None:

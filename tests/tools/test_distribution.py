@@ -1,4 +1,5 @@
-"""Tests of the distribution: every test runs, workers that compute run no real-time test, and workers may die."""
+"""Tests of the distribution of tests to workers: every test runs, even if workers die, and workers that compute run no
+real-time test."""
 
 from collections import Counter
 from types import SimpleNamespace

@@ -1,4 +1,5 @@
-"""Drive a virtual SO-101 through a stand-in of ros2_control's plugin: no jump, and the arm holds when it must."""
+"""Drive a virtual SO-101 through a stand-in for ros2_control's plugin: the arm never jumps, and it holds its position
+when it must."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -56,8 +56,7 @@ def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding
                 a, b = one.joint, other.joint
                 cause = (
                     f"Servo {a.servo_id} has the homing offset of {b.name}, and servo {b.servo_id} has the homing "
-                    f"offset of {a.name}. Their IDs were therefore exchanged after the "
-                    f"calibration. Exchange them again: "
+                    f"offset of {a.name}. So their IDs were swapped after the calibration. Swap them back: "
                     "give the first servo a free ID, then set both to their own IDs"
                 )
                 command = on(bus.port, "set-id", a.servo_id, "NEW")

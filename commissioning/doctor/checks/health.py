@@ -93,9 +93,9 @@ def _presses(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     still = all(state.velocity_counts_s == 0 for state in servo.states)
     if servo.holds and still and allowed and all(abs(state.load) >= PRESSES * allowed for state in servo.states):
         cause = (
-            f"The servo drives with {100 * abs(servo.states[0].load):.0f} % and does not move, because its goal lies "
-            "beyond a stop or an object. This heats the servo. Move the goal back, or lower torque_limit in the robot "
-            "file"
+            f"The servo drives at {100 * abs(servo.states[0].load):.0f} % of full drive but does not move, because its "
+            "goal lies beyond a stop or an object. This heats the servo. Move the goal back, or lower torque_limit in "
+            "the robot file"
         )
         yield finding("stalled", place, "a joint or gripper hums, gets hot and does not move", cause)
 
@@ -120,7 +120,8 @@ def _torque(bus: BusSnapshot) -> Iterator[Finding]:
 
 
 def _has_forgotten(servo: ServoSnapshot, holding: list[ServoSnapshot]) -> bool:
-    """Return whether the servo has its power-on torque limit, although the stack set a lower limit in most servos."""
+    """Return whether the servo has its power-on torque limit, while most other servos have the lower limit that the
+    stack set."""
     series = series_of(servo.joint.model)
     if series.torque_limit is None or not _is_full(servo):
         return False

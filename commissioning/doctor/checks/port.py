@@ -39,7 +39,7 @@ def check_ports(snapshot: ArmSnapshot, report: PortsReport | None) -> Iterator[F
             yield from (_complaint(place, one) for one in adapter.complaints if one.kind in COMPLAINTS)
     for complaint in report.complaints if report else ():
         if complaint.kind == "alike":
-            text = "two ports may be exchanged after the adapters are plugged in again"
+            text = "the names of two ports may be swapped after the adapters are plugged in again"
             yield finding("adapters_alike", FindingPlace(), text, _sentence(complaint.text), complaint.command)
 
 

@@ -90,8 +90,8 @@ def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
         servo_id, place = servo.joint.servo_id, place_of(bus, servo)
         if servo.heard == "broken":
             cause = (
-                f"Every reply from this ID is corrupted. Probably two servos have ID {servo_id}, because all new "
-                f"servos have ID {FACTORY_ID}. Connect one of them alone and give it another ID. If only one servo has "
+                f"Every reply from this ID is corrupted. Probably two servos have ID {servo_id} (all new servos "
+                f"have ID {FACTORY_ID}). Connect one of them alone and give it another ID. If only one servo has "
                 "this ID, check its plugs"
             )
             command = on(bus.port, "set-id", servo_id, "NEW")
@@ -123,7 +123,9 @@ def _mute(servo: ServoSnapshot) -> tuple[str, str | None]:
             "The servo responds to pings but not to reads of its state. Switch its supply off and on. If this does not "
             f"help, check that it is an {model.name} as in the robot file. If it is, replace the servo"
         ), None
-    named = f"The servo responds to pings but not to reads, as with a {level.name} (register {level.address}) of 0"
+    named = (
+        f"The servo responds to pings but not to reads, so its {level.name} (register {level.address}) is probably 0"
+    )
     also = "" if level.persistent else ", or switch its supply off and on, because this register is in RAM"
     command = f"{write(servo, level.name, series.answers_all)} --model {model.name}"
     return f"{named}. Write {series.answers_all} to this register{also}", command

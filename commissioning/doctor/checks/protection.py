@@ -10,8 +10,8 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 
 HOTTEST_C: Final = 80
-"""Highest safe temperature limit. The factory limits are 70 to 80. Windings and plastic gears cannot withstand higher
-temperatures."""
+"""Highest safe temperature limit, in °C. The factory limits are 70 to 80 °C. Windings and plastic gears cannot
+withstand higher temperatures."""
 ACTING: Final = {name: bit for bit, name in sts.STATUS_BITS.items() if name in ("temperature", "current", "overload")}
 """Bits in the ``unloading_condition`` register of an STS that protect the motor."""
 TEMPERATURE_LIMITS: Final = ("max_temperature", "temperature_limit")

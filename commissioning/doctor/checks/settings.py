@@ -69,7 +69,7 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     if servo.joint.extended or counts_turns(servo.registers):
-        return  # The servo ignores its position limits now, or will ignore them in the right mode.
+        return  # A servo in extended position mode, or one that must be set to this mode, ignores its position limits.
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
     if low is None or high is None or (low, high) == (0, 0):
         return

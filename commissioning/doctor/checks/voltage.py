@@ -45,7 +45,8 @@ def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     if highest > allowed[1]:
         cause = (
             f"The supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch the supply off "
-            f"now. Then check whether the supply is wrong or overshoots, or the model in the robot file is wrong"
+            "now. Then check that the supply has the right voltage without overshoot, and that the model in the robot "
+            "file is right"
         )
         yield finding("overvoltage", place, "'input voltage error', and servos may be destroyed", cause)
     elif lowest < allowed[0]:

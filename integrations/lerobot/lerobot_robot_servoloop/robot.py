@@ -66,7 +66,7 @@ class ServoloopRobot(Robot):
             calibrate: Ignored, because servoloop stores the calibration of the arm.
 
         Raises:
-            DeviceNotConnectedError: No stack matches, or another client owns the motion.
+            DeviceNotConnectedError: No stack matches, or another client has control of the arm.
         """
         config = self.config
         with connecting():

@@ -119,7 +119,9 @@ class ConnectedArm:
     def _target(self, joint: str, value: float) -> float:
         if joint not in self._scales:
             names = ", ".join(self._scales)
-            raise StackError("unknown", f"the action has a joint {joint!r}: the joints of this robot are {names}")
+            raise StackError(
+                "unknown", f"the action has the unknown joint {joint!r}: the joints of this robot are {names}"
+            )
         if not math.isfinite(value):
             raise StackError("input", f"the action for {joint} is {value}: send a finite number")
         return self._scales[joint].position(float(value))

@@ -68,7 +68,7 @@ def _scale(arm: Mapping[str, Any], joint: str, use_degrees: bool) -> JointScale:
 
 
 def _opens_downward(arm: Mapping[str, Any]) -> bool:
-    """Return whether the gripper opens toward lower positions. Grippers whose direction is not known are assumed to
-    open upward."""
+    """Return whether the gripper opens toward lower positions. Grippers with an unknown direction are assumed to open
+    toward higher positions."""
     opened, closed = arm["hand_open"], arm["hand_closed"]
     return opened is not None and closed is not None and opened < closed

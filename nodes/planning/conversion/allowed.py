@@ -12,7 +12,8 @@ from planning.arm_model import Pair, pair
 
 @dataclass(frozen=True, slots=True)
 class AllowedCollisions:
-    """Whether links and objects may touch, for individual pairs and, by default, for one name and all others."""
+    """Whether links and objects may touch. ``pairs`` holds individual pairs, and ``defaults`` applies to one name and
+    all others."""
 
     pairs: Mapping[Pair, bool] = field(default_factory=dict)
     defaults: Mapping[str, bool] = field(default_factory=dict)

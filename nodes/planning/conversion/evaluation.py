@@ -26,7 +26,7 @@ class Evaluation:
 
 
 class ConstraintChecks:
-    """Checks states against the constraints in a message, in MoveIt's order: joints, positions, orientations.
+    """Checker of states against the constraints in a message, in MoveIt's order: joints, positions, orientations.
 
     Raises:
         RequestError, PlanningError: A constraint is invalid.

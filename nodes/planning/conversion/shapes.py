@@ -70,7 +70,7 @@ def centered(item: CollisionObject) -> CollisionObject:
 
 
 def copied(item: CollisionObject) -> CollisionObject:
-    """Return a copy of an object whose lists can be changed."""
+    """Return a copy of an object. The lists of the copy can be changed without changing the object."""
     fields = {name: getattr(item, name) for name in item.get_fields_and_field_types()}
     return CollisionObject(
         **{name: list(value) if isinstance(value, list) else value for name, value in fields.items()}
@@ -155,7 +155,7 @@ def add_shapes(item: CollisionObject, shapes: Sequence[tuple[Shape, Pose]]) -> N
     """Append boxes, cylinders, cones, spheres and meshes to a message."""
     for shape, pose in shapes:
         if isinstance(shape, Mesh):
-            raise TypeError("only the original message of a mesh contains its triangles")
+            raise TypeError("a mesh cannot be converted to a message: only its original message contains the triangles")
         kind = next(kind for kind, (_, _, known) in _SOLIDS.items() if known is type(shape))
         item.primitives.append(SolidPrimitive(type=kind, dimensions=list(shape.sides_m())))
         item.primitive_poses.append(pose_message(pose))

@@ -98,7 +98,7 @@ class ActivatedAsConfigured(Invariant):
                 self._examine(joint, self._reference[joint.name])
 
     def _examine_softness(self) -> None:
-        """Check that the torque limits are reduced while the arm is guided by hand, and complete some time later."""
+        """Check that the torque limits are reduced while the arm is guided by hand, and restored some time later."""
         freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
         if freedrive is None or not self.active:
             self._guided_cycles = self._stiff_cycles = 0
@@ -165,7 +165,7 @@ class ControllersResume(Invariant):
         self._running: set[str] = set()
         """Names of the active controllers with command interfaces, in the last cycle without a transition."""
         self._stayed_active = False
-        """Whether the hardware has stayed active since then."""
+        """Whether the hardware has stayed active since the last cycle without a transition."""
         self._cycles: int | None = None
         """Number of cycles since the end of a transition; None if no transition is examined."""
 

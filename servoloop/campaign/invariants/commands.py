@@ -194,4 +194,4 @@ class SafeCommands(Invariant):
             endless = math.isinf(self._upper[place])
             readings = [true[name]] if endless else self.readings(name, true[name])
             if min(abs(taken[place] - one) for one in readings) > TAKEN_OVER_S * self._velocity[place]:
-                self.say(f"{name} is taken over at {taken[place]:.4f}, but it is at {true[name]:.4f}")
+                self.say(f"the first command of {name} is {taken[place]:.4f}, but the joint is at {true[name]:.4f}")

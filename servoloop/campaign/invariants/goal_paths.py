@@ -33,7 +33,8 @@ GAINS_S: Final = 0.1
 DETOUR: Final = 0.03
 """Maximum distance by which a path leaves the range between its start and its only point, in rad or m."""
 SLOW_S: Final = 0.5
-"""Time by which a path may take longer, in seconds. A path that paused rejoins itself within 0.3 s."""
+"""Time by which a path may exceed its expected duration, in seconds. After a pause, the reference rejoins the path
+within 0.3 s."""
 AT_POINT: Final = 1e-4
 """Maximum distance at which a reference counts as at rest at a point, in rad or m."""
 STEADY: Final = 0.2
@@ -61,8 +62,8 @@ class _Path:
 
 
 class PathIsAsSent(Invariant):
-    """The path of a successful goal passes through all points of the client, and no path ends before their scheduled
-    times.
+    """The path of a successful goal passes through all points of the client, and no path ends before the time of its
+    last point.
 
     A path takes no longer than the client asked or the limits require. The path to a single point makes no detour.
     """
@@ -149,7 +150,7 @@ class PathIsAsSent(Invariant):
     def _examine_way(self, logged: LoggedGoal, path: _Path) -> None:
         """Check that a path to one point stays between its start and the point.
 
-        A path that starts in motion first brakes, which leads further.
+        A path that starts in motion first brakes, so it may leave this range.
         """
         goal, references = logged.goal, np.array(path.references)
         wanted = dict(zip(goal.joints, goal.points[0].positions, strict=True))
@@ -164,7 +165,8 @@ class PathIsAsSent(Invariant):
                 self.say(f"a goal sent {joint} from {way[0]:.3f} to {end:.3f}, but its path leads {off}")
 
     def _examine_duration(self, logged: LoggedGoal, path: _Path, duration_s: float) -> None:
-        """Check that a path is not slow. The joints can always stop at each point, after they have braked."""
+        """Check that a path is not too slow. In the slowest allowed case, the joints first brake and then stop at each
+        point."""
         self.examined += 1
         goal, here = logged.goal, dict(zip(self.arm.joints, path.references[0].tolist(), strict=True))
         limits = [self._limits[joint] for joint in self.arm.joints]
@@ -200,8 +202,8 @@ class StopsFollowPaths(Invariant):
     """A goal that ends early brakes along its path: the reference stays on the path until it is at rest.
 
     Stops that begin while the path accelerates or ends are not examined, because the limits may not allow braking along
-    the path there. A stop for another goal is not examined either, nor a stop in the cycle in which the arm comes to
-    rest at its last command because no joint is measured.
+    the path there. A stop for another goal is not examined either. The same applies to a stop in which no joint is
+    measured and the arm comes to rest at its last command.
     """
 
     name = "stops follow paths"

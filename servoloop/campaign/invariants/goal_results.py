@@ -26,7 +26,7 @@ CODES: Final = {
 DEVIATION: Final = 0.1
 """Deviation allowed in addition to the tolerance, in rad or m, because two readings must agree and servos overshoot."""
 DEVIATES_S: Final = 0.6
-"""Maximum time until a goal ends if its deviation is larger, in seconds."""
+"""Maximum time until a goal ends if its deviation exceeds the tolerance by more than ``DEVIATION``, in seconds."""
 OWN_S: Final = 0.4
 """Maximum time until a goal ends if a reported position deviates by more than the goal's tolerance, in seconds."""
 READING: Final = 0.003
@@ -34,7 +34,8 @@ READING: Final = 0.003
 REPORTED: Final = 0.002
 """Deviation of a reported position allowed in addition to the goal tolerance, in rad or m."""
 ARRIVED: Final = 0.02
-"""Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
+"""Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks a servo reading against
+the tolerance."""
 RESTS_SHARE: Final = 0.05
 """Maximum speed of a joint at rest, as a fraction of its velocity limit. It includes a slow oscillation."""
 OSCILLATES_S: Final = 0.9
@@ -44,7 +45,7 @@ TOUCHED_S: Final = 1.0
 ABORTS_CYCLES: Final = 7
 """Minimum number of consecutive cycles without a measurement after which a goal is aborted."""
 STALLED_CYCLES: Final = 3.0
-"""Duration of a cycle in which the computer stalled, in periods."""
+"""Duration above which a cycle counts as one in which the computer stalled, in periods."""
 HISTORY: Final = 150
 """Number of cycles before the end of a goal in which to search for a deviation.
 

@@ -142,7 +142,7 @@ class CancelsAreFollowed(Invariant):
                 self.say(f"a goal sent at {logged.sent_s:.2f} s ended as canceled, but no client canceled it")
         clients = self.stack.clients
         if clients is not None and clients.programs is not None and (owner := clients.programs.dead_owner):
-            self.say(f"{owner} has died, but it still owns the motion")
+            self.say(f"{owner} has died, but it still has control of the arm")
         if clients is not None and clients.programs is not None:
             self._examine_freedrive(clients.programs.owner)
 

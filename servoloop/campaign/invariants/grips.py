@@ -56,7 +56,7 @@ class GripsAreFollowed(Invariant):
         self._from_rest = False
         """Whether the command was at rest when the latest goal was sent."""
         self._known: GripperClient | None = None
-        """Client of the run, which the stack forgets when the program begins to end."""
+        """Client of the run. It is kept here because the stack removes its client when the program begins to end."""
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
 
     def on_state(self, state: JointState) -> None:

@@ -31,7 +31,7 @@ DECEIVING: Final = frozenset(
 )
 """Faults after which the position that a servo reports temporarily or permanently differs from its joint's position."""
 UNREAD: Final = frozenset({"silent", "corrupt", "late", "no_time"})
-"""Kinds of faults of servos whose state cannot be read."""
+"""Kinds of faults that prevent the stack from reading the state of a servo."""
 COMPLAINTS: Final = ("status", "hardware_error_status")
 """Registers that are 0 unless the servo reports an error."""
 

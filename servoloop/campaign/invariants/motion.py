@@ -24,11 +24,11 @@ OVERSHOOT_RAD: Final = 0.1
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 PUSHED: Final = 0.5
-"""Minimum distance from its command of a joint that something pushes, in rad or m."""
+"""Minimum distance of a joint from its command at which the joint counts as pushed, in rad or m."""
 PUSHED_CYCLES: Final = 5
-"""Minimum number of cycles for which such a joint has been far from its command."""
+"""Minimum number of cycles for which a joint must be far from its command to count as pushed."""
 SPRINGS_BACK_S: Final = 0.2
-"""Time for which the speed of such a joint is not checked after it is free, in seconds."""
+"""Time after a pushed joint is free during which its speed is not checked, in seconds."""
 AFTER_STEPS: Final = 500
 """Maximum time until a joint has sprung back after one of the faults in ``NOT_ITS_OWN``, in ms."""
 
@@ -80,7 +80,8 @@ class NoFasterThanAllowed(Invariant):
         return any(one.kind in NOT_ITS_OWN for one in events)
 
     def _note_pushed(self) -> None:
-        """Note the joints that something has pushed far from their commands, which spring back when they are free."""
+        """Note the joints that have been pushed far from their commands. These joints spring back when they are
+        free."""
         true = self.true_positions()
         for joint in self._by_name:
             far = self.off_command(joint, true[joint]) > PUSHED
@@ -89,7 +90,7 @@ class NoFasterThanAllowed(Invariant):
                 self._pushed_s[joint] = self.stack.clock.now()
 
     def _check(self) -> None:
-        """Check the distances to the positions ``OVER_STEPS`` before, for all steps of a cycle at once."""
+        """Check the distances to the positions ``OVER_STEPS`` steps earlier, for all steps of a cycle at once."""
         moved = np.abs(self._steps[OVER_STEPS:] - self._steps[:-OVER_STEPS]).max(axis=0)
         for index in np.flatnonzero(moved > self._furthest):
             joint = self._by_name[self.stack.world.joints[index]]

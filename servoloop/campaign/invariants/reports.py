@@ -23,19 +23,20 @@ _POSITION: Final = slice(sts.present_position.address, sts.present_position.addr
 CYCLES_TO_NAME: Final = 2
 """Maximum number of cycles until a silent servo is reported."""
 FOUND_S: Final = 0.5
-"""Maximum time until silently lost torque is detected at 20 Hz, in seconds."""
+"""Maximum time until the stack detects that a servo has silently lost its torque, in seconds, at a loop rate of 20
+Hz."""
 SILENCING: Final = ("silent", "cable_cut", "wrong_rate")
 """Faults during which a servo does not respond."""
 FALSIFYING: Final = frozenset({"false_position", "false_value"})
-"""Faults that falsify the replies of a servo themselves."""
+"""Faults in which a servo itself sends false values."""
 PASSING: Final = frozenset(
     {
         *("silent", "lost_replies", "late_replies", "truncated_replies", "flipped_replies"),
         *("noise", "echo", "wrong_rate", "false_position"),
     }
 )
-"""Faults that leave a servo unchanged after they end. After a false value, the stack may have to assume that the servo
-has released its torque."""
+"""Faults that leave a servo unchanged after they end. ``false_value`` is not included, because the stack may then have
+to assume that the servo has released its torque."""
 TAKEN_BACK_S: Final = 2.5
 """Maximum time until a servo that responds again returns to the cycle, in seconds: late replies to many lost requests
 may arrive for two seconds, and then the servo's torque is checked."""
@@ -46,7 +47,7 @@ LOSING: Final = "adapter_unplugged"
 
 
 class NamedAlone(Invariant):
-    """A silent servo is reported within two cycles. A joint whose servo and bus work is not reported.
+    """A silent servo is reported within two cycles. A joint is not reported if its servo and its bus work.
 
     A fault of another servo does not excuse a violation, but a component that loses one of its buses is entirely lost.
     Two servos with the same ID are skipped, because either of them may have replied.

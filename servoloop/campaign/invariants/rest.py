@@ -206,7 +206,8 @@ class NothingPresses(Invariant):
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
         self._relief_over = False
-        """Whether the commands of the arm have been constant for some time, or since another joint moved."""
+        """Whether the relief is complete. The commands of the arm must be constant, either for some time or since the
+        command of another joint changed."""
         self._least_off: dict[str, float] = {}
         """Smallest distance of each joint from its command since the relief was complete. A joint that something else
         pushes away later does not count as pressing."""

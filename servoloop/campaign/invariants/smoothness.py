@@ -32,7 +32,7 @@ AT_END: Final = 1e-9
 FASTEST_PARKING: Final = 1.05
 """Allowed speed of a parking joint, as a multiple of its scaled velocity limit."""
 ROUNDING: Final = 1e-6
-"""Increase of a command's change between two cycles that does not count, in rad or m."""
+"""Increase of a command's change per cycle that is ignored as a rounding error, in rad or m."""
 UPSET_S: Final = 3.0
 """Duration after a controller's fault during which only the speed of commands is limited, in seconds."""
 RELIEVED_S: Final = 0.5
@@ -116,10 +116,10 @@ class SmoothEnd(Invariant):
     A joint that has lost its controller also stops within its acceleration limit.
 
     Commands are not checked after a faulty controller has made them jump, because only their speed is limited. Commands
-    of limp joints are not checked either, because they follow the falling joints. While no joint of the arm is
-    measured, a relief waits at its last commands, where the servos come to rest by themselves. A command leads its
-    reference by the servo lag. A command at a joint limit is not checked, because it stays at the limit while the
-    reference is still braking before the limit.
+    of limp joints are not checked either, because they follow the falling joints. Commands are also not checked while
+    no joint of an arm is measured. The commands then stay constant, and the servos come to rest by themselves. A
+    command leads its reference by the servo lag. A command at a joint limit is not checked, because it stays at the
+    limit while the reference is still braking before the limit.
     """
 
     name = "smooth end"

@@ -35,8 +35,8 @@ BLOCKED_CYCLES: Final = 5
 """Minimum number of cycles for which a joint must be at rest away from its goal before the distance to the goal is
 checked."""
 LEAD: Final = 0.05
-"""Distance allowed between a goal and a blocked joint, in rad or m, in addition to that of full drive and two
-cycles."""
+"""Allowed distance between a goal and a blocked joint, in rad or m, beyond the distance for full drive and two cycles
+of motion."""
 CYCLES_WITHOUT_GOAL: Final = 3
 """Maximum number of cycles for which a driven joint receives no goal."""
 STANDS: Final = 0.01
@@ -49,8 +49,9 @@ previous reading to compare, in seconds."""
 LEAP_S: Final = 0.1
 """Maximum time between two readings of a joint without a reported fault, in seconds, including the stack's margin."""
 SWITCHED_CYCLES: Final = 3
-"""Number of cycles after an activation in which a silent joint may report a position that the activation measured: the
-cycle in which the activation ends, the cycle that measures the joints twice, and the next one."""
+"""Number of cycles after an activation in which a silent joint may be reported at a position that the activation
+measured. These are the cycle in which the activation ends, the cycle that measures the joints twice, and the next
+cycle."""
 
 
 class ReportedTruly(Invariant):
@@ -80,7 +81,7 @@ class ReportedTruly(Invariant):
         self._before: list[float] = []
         """Positions reported in the previous cycle."""
         self._switched_cycles = 0
-        """Number of coming cycles that may report a position measured by an activation."""
+        """Number of upcoming cycles in which a position measured by an activation may be reported."""
 
     def on_write(self, bus: str, data: bytes) -> None:
         if any(one.switching for one in self.stack.loop.hardware.components):
@@ -182,9 +183,10 @@ class GoalsMeanCommands(Invariant):
         self._ahead: dict[str, float] = {}
         """Distance of each joint's goal from the joint in the previous cycle, in rad or m."""
         self._approach = {joint.name: 0.5 * joint.limits.velocity * period_s for joint in self.joints}
-        """Minimum change of this distance in a cycle at which a goal approaches its joint, in rad or m."""
+        """Minimum decrease of the distance ``_ahead`` in a cycle at which a goal counts as approaching its joint, in
+        rad or m."""
         self._blocked = Counter[str]()
-        """Number of cycles in which the goal of each joint at rest has exceeded this distance."""
+        """Number of cycles in which the goal of each joint at rest has been farther from the joint than ``_lead``."""
         self._stands = Counter[str]()
         """Number of cycles for which each joint of the arm has been at rest near its command."""
         self._without_goal = Counter[str]()
@@ -211,7 +213,10 @@ class GoalsMeanCommands(Invariant):
                 continue
             self._stands[joint] += 1
             if self._stands[joint] > STANDS_CYCLES and holding * offset < 0.0:
-                self.say(f"the goal of {joint} is {offset:+.4f} off, but holding it needs an effort of {holding:+.3f}")
+                self.say(
+                    f"the goal of {joint} is off by {offset:+.4f}, but the effort to hold it, {holding:+.3f}, has the "
+                    "opposite sign"
+                )
 
     def _examine_rate(self, state: JointState) -> None:
         """Check that every driven joint received a goal in the latest cycles."""

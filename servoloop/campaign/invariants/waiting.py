@@ -19,7 +19,7 @@ STILL_S: Final = 0.1
 LONGEST_STEP: Final = 2.0
 """Maximum time by which a trajectory advances in a late cycle, in periods."""
 ROUNDING: Final = 1e-6
-"""Rounding error of this time, in periods."""
+"""Rounding error of the time by which a trajectory advances, in periods."""
 TRAVELS_SHARE: Final = 0.1
 """Minimum speed of a joint that travels, as a fraction of its velocity limit."""
 
@@ -46,8 +46,8 @@ class TrajectoriesWait(Invariant):
         """Number of the arm's goals that had begun by the last cycle."""
         self._true = self.true_positions()
         self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
-        """Latest values sent to each controller in ``wait_for``, and the time at which they were sent, or -1 if the
-        joints need not move to them any further."""
+        """Latest values sent to each controller in ``wait_for``, and the time at which they were sent. The time is -1
+        if the joints no longer need to move to these values."""
 
     def on_state(self, state: JointState) -> None:
         tracking = self.arm.tracking
@@ -95,9 +95,8 @@ class TrajectoriesWait(Invariant):
         return moved > TRAVELS_SHARE * limit.velocity * self.stack.loop.period_s
 
     def _begins(self, now_s: float) -> bool:
-        """Return whether the latest goal begins in this cycle, and is too young to begin without waiting.
-
-        A goal that was canceled before it began leaves the tracking of the previous goal.
+        """Return whether the latest goal begins in this cycle, before ``wait_for_timeout`` allows it to begin without
+        waiting. If a goal is canceled before it begins, the tracking still belongs to the previous goal.
         """
         own = [logged for logged in self.stack.goals.goals if logged.controller == self.arm.name]
         begins, self._begun = len(own) > self._begun, len(own)

@@ -126,7 +126,7 @@ class Keyboard:
                 return True
 
     def pressed(self) -> bool:
-        """Return whether any key was pressed since the last question or the terminal was closed.
+        """Return whether a key was pressed since the last question, or whether the terminal was closed.
 
         Until the next question, the terminal delivers each key immediately and does not echo it.
         """

@@ -5,7 +5,7 @@ From the e-manual:
 - Reverse mode inverts positions, velocities and drive, but not the sign of the homing offset.
 - ``moving`` indicates whether the velocity exceeds the moving threshold, and is always 1 while a profile is in
   progress.
-- A shutdown clears the torque switch until a reboot.
+- After a shutdown, torque stays disabled until a reboot.
 - In PWM mode, the PWM of an XL330 or XC330 changes at the rate of the PWM slope.
 
 ``controllers`` contains the control loops, and ``modes`` contains the operating modes. Assumed:

@@ -157,7 +157,7 @@ class Dynamixel1Memory(Memory):
         return self.get(dxl.cw_angle_limit), self.get(dxl.ccw_angle_limit)
 
     def _unwrapped(self) -> bool:
-        """Whether the servo counts positions beyond one turn."""
+        """Return whether the servo counts positions beyond one turn."""
         return self.limits == (dxl.MULTI_TURN_LIMIT, dxl.MULTI_TURN_LIMIT)
 
     def put(self, register: Register, value: int) -> None:

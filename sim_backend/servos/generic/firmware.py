@@ -5,7 +5,8 @@ manufacturers publish neither the structure of the loop nor the scale of its gai
 which uses different gains). Assumed for the other servos:
 - P: the drive is ``P / 1280`` of full drive per count of error. Therefore, P = 32 results in full drive at 40 of 4096
   counts (3.5 degrees). At a constant 2 rad/s, the shaft then lags 13 ms behind the servo's own profile.
-- D: ``D / 32`` of 0.3 drive per rad/s of difference between the profile speed and the measured speed.
+- D: the drive is ``0.3 * D / 32`` of full drive per rad/s of difference between the profile speed and the measured
+  speed.
 - I: ``I / 1280`` of full drive per count and second.
 - Position and speed come from the quantized encoder, which is also the source of their noise. The speed is filtered
   with a time constant of 5 ms.

@@ -1,8 +1,8 @@
 """One virtual servo of the SCS series or a similar series: the common firmware with a different table and a
 potentiometer.
 
-Factory values are from Feetech's SCS memory table; values that are not in this table are assumed. Also assumed:
-relative to the servo's full drive, the position loop is as stiff as that of an STS servo, in N m per radian.
+Factory values are from Feetech's SCS memory table; values that are not in this table are assumed. Also assumed: per
+radian of error, the position loop uses the same fraction of full drive as that of an STS servo.
 """
 
 from typing import ClassVar, Final

@@ -1,4 +1,5 @@
-"""A planned motion, carried out on virtual servos, touches nothing; impossible requests are refused in one sentence."""
+"""A planned motion touches nothing when virtual servos execute it. Impossible requests are rejected with a one-sentence
+error."""
 
 import math
 

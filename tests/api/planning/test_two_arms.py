@@ -1,4 +1,4 @@
-"""A robot with two arms plans for each arm and for both, around the other arm."""
+"""The planner of a robot with two arms moves either arm around the other one, or both arms together."""
 
 import numpy as np
 import pytest

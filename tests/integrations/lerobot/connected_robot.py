@@ -21,7 +21,7 @@ from lerobot_robot_servoloop import ServoloopRobotConfig
 @CameraConfig.register_subclass("black")
 @dataclass
 class BlackCameraConfig(CameraConfig):
-    """Options of the camera, which are only those that every camera has."""
+    """Options of the camera. The camera has only the options that every camera has."""
 
 
 class BlackCamera:

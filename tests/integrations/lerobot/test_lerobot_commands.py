@@ -148,7 +148,7 @@ def test_lerobot_teleoperates_and_leaves_the_leader_limp(lerobot: LeRobot, arms:
             leader.move_to({"shoulder_pan": 0.0})
         for joint in JOINTS[:5]:
             assert follower.state.command[joint] == pytest.approx(leader.state.position[joint], abs=0.05)
-        follower.move_to({"shoulder_pan": 0.1}, speed=0.5)  # the motion is free again
+        follower.move_to({"shoulder_pan": 0.1}, speed=0.5)  # no other client has control of the arm
 
 
 @pytest.mark.parametrize(

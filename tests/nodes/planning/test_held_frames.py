@@ -84,7 +84,7 @@ def test_frames_that_do_not_move_with_a_link_are_refused() -> None:
 
 
 def line(link: str, frame: str, waypoints: Sequence[Pose]) -> tuple[float, str, list[State]]:
-    """Return the fraction, the reason of an early end, and the states of a straight path."""
+    """Return the completed fraction of a straight path, the reason for its early end, and its states."""
     request = GetCartesianPath.Request(group_name="arm", link_name=link, max_step=0.005, waypoints=list(waypoints))
     request.header.frame_id = frame
     _, found = Requests(robot_arm()).straight(request, Snapshot(holding(), READY))

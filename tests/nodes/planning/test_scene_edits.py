@@ -1,4 +1,4 @@
-"""Tests of changes of the planning scene by messages."""
+"""Tests of messages that change the planning scene."""
 
 import numpy as np
 import pytest

@@ -31,7 +31,7 @@ class JointModelGroup:
 
     @property
     def active_joint_model_names(self) -> list[str]:
-        """Names of the joints."""
+        """Names of the active joints, which are all joints of the group."""
         return list(self._group.joints)
 
     @property
@@ -107,7 +107,7 @@ class RobotModel:
 
     @property
     def joints(self) -> dict[str, UrdfJoint]:
-        """Joints that have their own positions, keyed by name."""
+        """All joints except fixed joints and mimic joints, keyed by name."""
         joints = self._description.joints.values()
         return {joint.name: joint for joint in joints if joint.kind != "fixed" and joint.mimic is None}
 

@@ -24,7 +24,7 @@ def _default(joint: UrdfJoint) -> float:
 
 
 class RobotState:
-    """Positions of all joints that have their own positions, in rad or m."""
+    """Positions of all joints except fixed joints and mimic joints, in rad or m."""
 
     def __init__(self, robot_model: RobotModel) -> None:
         self._model = robot_model

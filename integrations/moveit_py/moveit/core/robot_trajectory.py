@@ -1,4 +1,4 @@
-"""Trajectory of a robot, as a plan returns it."""
+"""Trajectory of a robot, as returned by the planner."""
 
 from collections.abc import Iterator, Sequence
 
@@ -62,7 +62,8 @@ class RobotTrajectory:
         return self._message
 
     def set_robot_trajectory_msg(self, robot_state: RobotState, msg: RobotTrajectoryMsg) -> "RobotTrajectory":
-        """Set the trajectory from a message. ``robot_state`` contains the joints that the message does not contain."""
+        """Set the trajectory from a message. ``robot_state`` provides the positions of joints that are missing from the
+        message."""
         self._start, self._message = RobotState.from_message(self._model, robot_state.message()), msg
         return self
 
