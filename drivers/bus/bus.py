@@ -263,7 +263,7 @@ class Bus:
         extended = self._is_extended(servo_id, model)
         if extended or self._turns:
             self._turns = self._turns or Turns()
-            self._turns.identified(servo_id, model, extended)
+            self._turns.identified(servo_id, model, extended, self._held(servo_id) if extended else None)
         self.check_settings(servo_id, model)
         if self._maps is not None:
             self._maps.set_up(servo_id, model)
@@ -272,6 +272,11 @@ class Bus:
         if series_of(model) is not X:
             return False
         return self._read_with_retries(servo_id, x.operating_mode) in x.MODES_WITH_TURNS
+
+    def _held(self, servo_id: int) -> int | None:
+        """Return the goal of an X servo with all its turns, in counts, or None if the torque is disabled."""
+        enabled = self._read_with_retries(servo_id, x.torque_enable)
+        return self._read_with_retries(servo_id, x.goal_position) if enabled else None
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
         """Check that the settings of a servo allow it to be driven.

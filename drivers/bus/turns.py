@@ -1,8 +1,9 @@
 """Remove whole turns from the positions of servos in extended position mode.
 
 Such a servo counts several turns, but after a reset its count restarts within a single turn. The bus therefore
-subtracts whole turns from its readings and adds them to its goals. A second reading must confirm a change in the number
-of turns, because a wrong number would move the joint by a whole turn.
+subtracts whole turns from its readings and adds them to its goals. The number of turns changes only if a reading leaps
+out of the turn, as after a reset, and a second reading confirms it. A wrong number would move the joint by a whole
+turn. A shaft that is pushed past the end of the turn stays in its turn, as in position mode.
 """
 
 from collections.abc import Mapping
@@ -20,12 +21,26 @@ class Turns:
         """Whole turns in the readings of each servo, in counts."""
         self._unconfirmed: dict[int, int] = {}
         """Whole turns in the latest reading of each servo, in counts, if not confirmed yet."""
+        self._positions: dict[int, int] = {}
+        """Last position of each servo without whole turns, in counts, from a reading with a confirmed number of turns."""
 
-    def identified(self, servo_id: int, model: ServoModel, extended: bool) -> None:
+    def identified(self, servo_id: int, model: ServoModel, extended: bool, held: int | None = None) -> None:
+        """Note the mode of a servo.
+
+        Args:
+            servo_id: ID of the servo.
+            model: Model of the servo.
+            extended: Whether the servo is in a mode with turns.
+            held: Goal of a servo whose torque is enabled, in counts. The servo is in the turn of this goal, even if
+                something pushes it out of the turn. None means that the next reading determines the turn.
+        """
         self._counts_per_turn.pop(servo_id, None)
         self._forget(servo_id)
-        if extended:
-            self._counts_per_turn[servo_id] = model.counts_per_turn
+        if not extended:
+            return
+        turn = self._counts_per_turn[servo_id] = model.counts_per_turn
+        if held is not None:
+            self._whole_turns[servo_id], self._positions[servo_id] = held // turn * turn, held % turn
 
     def __contains__(self, servo_id: int) -> bool:
         return servo_id in self._counts_per_turn
@@ -36,22 +51,30 @@ class Turns:
         for servo_id, turn in self._counts_per_turn.items():
             reading = readings.get(servo_id)
             if isinstance(reading, ServoState):
-                self._update(servo_id, reading.position_counts // turn * turn)
-                counts = reading.position_counts - self._whole_turns[servo_id]
+                counts = self._position(servo_id, reading.position_counts, turn)
                 changed[servo_id] = reading._replace(position_counts=counts)
             elif reading is not None and reading.kind == "reset":
                 self._forget(servo_id)
         return {**readings, **changed} if changed else readings
 
-    def _update(self, servo_id: int, whole_turns: int) -> None:
-        if whole_turns in (self._whole_turns.setdefault(servo_id, whole_turns), self._unconfirmed.pop(servo_id, None)):
-            self._whole_turns[servo_id] = whole_turns
-        else:
-            self._unconfirmed[servo_id] = whole_turns
+    def _position(self, servo_id: int, counts: int, turn: int) -> int:
+        """Return the position of a reading without the whole turns, which this method updates."""
+        reset = counts // turn * turn
+        """Whole turns in the reading if the servo was reset."""
+        position = counts - self._whole_turns.setdefault(servo_id, reset)
+        unconfirmed = self._unconfirmed.pop(servo_id, None)
+        if not 0 <= position < turn and abs(position - self._positions.get(servo_id, position)) >= turn // 2:
+            if reset != unconfirmed:
+                self._unconfirmed[servo_id] = reset
+                return position
+            self._whole_turns[servo_id] = reset
+            position = counts - reset
+        self._positions[servo_id] = position
+        return position
 
     def _forget(self, servo_id: int) -> None:
-        self._whole_turns.pop(servo_id, None)
-        self._unconfirmed.pop(servo_id, None)
+        for values in (self._whole_turns, self._unconfirmed, self._positions):
+            values.pop(servo_id, None)
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> Mapping[int, ServoGoal]:
         changed = {

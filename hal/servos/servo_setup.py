@@ -282,13 +282,20 @@ def _torque_on(joint: Joint, bus: Bus) -> None:
 
 
 def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
-    """Return messages about servos whose voltage is outside the rated range in every reading, keyed by servo ID."""
+    """Return messages about servos whose voltage is outside the rated range in every reading, keyed by servo ID.
+
+    Only a reading within the range shows that the supply is right. A lost reply shows nothing.
+    """
     models, wrong = {joint.servo_id: joint.model for joint in joints}, dict[int, str]()
-    for _ in range(ATTEMPTS):
-        states = {i: reading for i, reading in readings.items() if isinstance(reading, ServoState)}
-        faults = {i: voltage_fault(models[i], state.voltage_v) for i, state in states.items()}
-        wrong = {i: f"servo {i}: {fault.text}" for i, fault in faults.items() if fault and fault.outside}
-        if not wrong:
+    for attempt in range(ATTEMPTS):
+        for i, state in readings.items():
+            if not isinstance(state, ServoState):
+                continue
+            if (fault := voltage_fault(models[i], state.voltage_v)) and fault.outside:
+                wrong[i] = f"servo {i}: {fault.text}"
+            else:
+                wrong.pop(i, None)
+        if not wrong or attempt == ATTEMPTS - 1:
             break
         readings = bus.read_states(tuple(wrong))
     return wrong

@@ -82,3 +82,34 @@ def test_a_servo_that_restarts_in_a_different_turn_reaches_the_same_positions() 
     bus.torque_on(1)
     go(3000)
     go(60)
+
+
+@pytest.mark.parametrize(("start", "end", "step"), [(4000, 4500, 30), (90, -400, -30), (8000, 8600, 30)])
+def test_a_servo_that_is_pushed_past_the_end_of_its_turn_stays_in_its_turn(start: int, end: int, step: int) -> None:
+    turns = Turns()
+    turns.identified(1, x.XL430_W250, extended=True)
+    whole_turns = start // 4096 * 4096
+    for counts in (*range(start, end, step), end, end, *range(end, start, -step)):
+        assert turns.readings({1: at(counts)}) == {1: at(counts - whole_turns)}
+        assert turns.goals({1: ServoGoal(3000)}) == {1: ServoGoal(3000 + whole_turns)}
+
+
+def test_a_long_motion_during_a_silence_keeps_the_turn() -> None:
+    turns = Turns()
+    turns.identified(1, x.XL430_W250, extended=True)
+    for counts in (100, 4000, 50):
+        assert turns.readings({1: at(counts)}) == {1: at(counts)}
+        turns.readings({1: fault(1, "silent")})
+
+
+@pytest.mark.parametrize(
+    ("goal", "counts", "place"),
+    [(3982, 4102, 4102), (4200, 4000, -96), (3982 + 4096, 4102 + 4096, 4102), (3000, 3000, 3000)],
+)
+def test_a_servo_with_torque_is_in_the_turn_of_its_goal(goal: int, counts: int, place: int) -> None:
+    turns = Turns()
+    turns.identified(1, x.XL430_W250, extended=True, held=goal)
+    assert turns.readings({1: at(counts)}) == {1: at(place)}
+    assert turns.goal(1, goal) == goal % 4096
+    turns.identified(1, x.XL430_W250, extended=True)
+    assert turns.readings({1: at(counts)}) == {1: at(counts % 4096)}, "a limp servo may have been turned by hand"

@@ -183,6 +183,41 @@ def test_turns_that_are_lost_in_a_restart_do_not_move_the_joint() -> None:
     assert arm.shaft == pytest.approx(before, abs=3.0)
 
 
+class Weak(Turned):
+    """A servo that a hand can push away from its goal."""
+
+    MODEL = x.XL330_M288
+
+    def push(self, position: float, load_nm: float, periods: int) -> None:
+        """Push the joint while its position is commanded. The goal and the turn of the servo must not change."""
+        self.plant.load_nm[0] = load_nm
+        for _ in range(periods):
+            self.command(position, 1)
+            assert self.servo.memory.get(x.goal_position) == pytest.approx(self.joint.counts(position), abs=200)
+        self.plant.load_nm[0] = 0.0
+
+
+@pytest.mark.parametrize(("counts", "load_nm"), [(4040, 0.3), (60, -0.3)])
+@pytest.mark.parametrize("activates", [False, True])
+def test_a_joint_that_is_pushed_past_the_end_of_its_turn_stays_in_its_turn(
+    counts: int, load_nm: float, activates: bool
+) -> None:
+    arm = Weak(4, 0, 0, position_p=400)
+    arm.activate()
+    for at in range(START, counts, 60 if load_nm > 0.0 else -60):
+        arm.command(arm.joint.position(at), 1)
+    position = arm.joint.position(counts)
+    arm.command(position, 40)
+    before = arm.shaft
+    arm.push(position, load_nm, 10)
+    assert abs(arm.shaft - before) > 70 and not 0 <= arm.reads() < TURN
+    if activates:
+        arm.hardware.deactivate(relax=False)
+        arm.hardware.activate()
+    arm.command(position, 40)
+    assert arm.shaft == pytest.approx(before, abs=20)
+
+
 class LimitedByCurrent(Turned):
     """A servo in current-based position mode, in which LeRobot leaves the gripper of a Koch."""
 

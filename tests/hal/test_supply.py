@@ -14,12 +14,13 @@ from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointLimits
+from sim_backend.faults import Disturbance
 from sim_backend.faults.text import parse
 from sim_backend.line.power import feed
 from sim_backend.packets.instructions import Instruction
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line
 from tests.faults.rig import FaultRig
-from tests.hal.bench import Bench
+from tests.hal.bench import JOINTS, Bench
 
 INACTIVE = LifecycleState.INACTIVE
 SYNC_READ = 0x82
@@ -70,6 +71,17 @@ def test_one_reading_of_a_wrong_voltage_does_not_refuse_activation() -> None:
     bench.port.before_write = recover
     bench.hardware.configure()
     assert bench.hardware.state is INACTIVE
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lost_replies_do_not_hide_a_wrong_supply(seed: int) -> None:
+    bench = Bench().configured()
+    fed_with(bench, 15.5)
+    bench.servos.faults.disturbance = Disturbance(seed=seed, drop=0.09)
+    with pytest.raises(ActivationError) as refused:
+        bench.hardware.activate()
+    assert bench.torque() == []
+    assert str(refused.value).count("has 15.5 V") == len(JOINTS), refused.value
 
 
 def test_a_servo_that_does_not_measure_voltage_is_not_checked() -> None:
