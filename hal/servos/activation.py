@@ -204,8 +204,9 @@ class Activation:
         held, measured = self._setup.goal(joint), self._goals[joint.name]
         if abs(held - measured) > joint.model.counts_per_turn // 2:
             raise ActivationError(
-                f"not activated: {self._called(joint)} has goal {held} but reports {measured} counts, so it is "
-                "probably in a different turn. Hold the arm, and switch the servos' supply off and on"
+                f"not activated: {self._called(joint)} has goal {held} but reports {measured} counts: it is in "
+                "a different turn, or another program enabled its torque without a goal. Hold the arm, and switch the "
+                "servos' supply off and on"
             )
 
     def _hold_goals(self) -> None:

@@ -140,7 +140,7 @@ class ServoHardware:
         # The measurements do not update the states, because only a completed activation ends a fault.
         held = Activation(joints, self._opened("reactivate"), self._clock, lambda readings: None).run()
         self._goals.hold(held)
-        self._states.faults.reactivated(names)
+        self._states.reactivated(names)
         if self.compensation is not None:
             self.compensation.restart(names)
         return names

@@ -1,7 +1,7 @@
 """Convert servo readings to joint states."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from drivers.types import Reading, ServoState
 from hal.joint import Joint
 from hal.leaps import Plausibility
 from hal.servos.joint_buses import JointBuses
+from hal.servos.seam_crossings import SeamCrossings
 from hal.servos.servo_faults import ServoFaults
 from hal.servos.supply_watch import SupplyWatch
 from hal.types import JointFault, JointState, ServoHealth, Stall
@@ -33,13 +34,20 @@ class ServoStates:
         self._clock = clock
         self._last = self._unknown()
         self._plausibility = self._unread()
+        self._seams = SeamCrossings(joints)
 
     def reset(self) -> None:
         """Discard all joint states and faults."""
         self.faults.forget()
+        self._seams.forget()
         self._supply.forget()
         self._last = self._unknown()
         self._plausibility = self._unread()
+
+    def reactivated(self, names: Collection[str]) -> None:
+        """Note that torque was enabled for limp joints at their measured positions."""
+        self.faults.reactivated(names)
+        self._seams.forget(names)
 
     def update(
         self, readings: Mapping[str, Reading], buses: JointBuses, ask_until_s: float | None = None
@@ -62,9 +70,12 @@ class ServoStates:
             account = counters[joint.bus].servos[joint.servo_id]
             reading: Reading | JointFault = readings[joint.name]
             if isinstance(reading, ServoState):
-                at = joint.position(reading.position_counts)
+                counts = self._seams.counts(joint.name, reading.position_counts, now_s)
+                at = joint.position(counts)
                 leap = self._plausibility[index].leap(at, now_s, ask_until_s is not None)
                 if leap is None:
+                    self._seams.believed(joint.name, counts, now_s)
+                    reading = reading._replace(position_counts=counts)
                     position[index], velocity[index] = at, reading.velocity_counts_s * joint.units_per_count
                     effort[index] = reading.load * self._signed_effort[index]
                     health[joint.name] = self._measure(joint, reading, account, buses)

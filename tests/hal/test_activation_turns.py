@@ -107,8 +107,8 @@ def test_a_servo_held_in_another_turn_is_refused_and_keeps_holding() -> None:
     bench.clock.sleep_until(bench.clock.now() + 0.2)
     before = shaft_counts(bench)
     message = (
-        r"elbow \(servo 2\) has goal 6096 but reports \d+ counts, so it is probably "
-        r"in a different turn\. Hold the arm, and switch the servos' supply off and on$"
+        r"elbow \(servo 2\) has goal 6096 but reports \d+ counts: it is in a different turn, or another program "
+        r"enabled its torque without a goal\. Hold the arm, and switch the servos' supply off and on$"
     )
     with pytest.raises(ActivationError, match=message):
         bench.hardware.activate()
