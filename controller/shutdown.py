@@ -10,8 +10,10 @@ from controller.final_state import FinalState
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to
 from controller.stops import StopMotion, return_s
+from drivers.driver_errors import DriverError
 from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
+from hal.hal_errors import HalError
 from hal.hardware import Holding, undo_activation
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, joints_of
@@ -81,7 +83,8 @@ def _try(problems: list[str], step: str, action: Callable[[], None]) -> None:
     try:
         action()
     except Exception as error:  # An error in one step must not prevent the next step.
-        LOG.error("could not %s: %s", step, error)
+        expected = isinstance(error, DriverError | HalError | MotionError)
+        LOG.error("could not %s: %s", step, error, exc_info=None if expected else error)
         problems.append(f"could not {step}: {error}")
 
 

@@ -22,7 +22,7 @@ class Turns:
         self._unconfirmed: dict[int, int] = {}
         """Whole turns in the latest reading of each servo, in counts, if not confirmed yet."""
         self._positions: dict[int, int] = {}
-        """Last position of each servo without whole turns, in counts, from a reading with a confirmed number of turns."""
+        """Last position of each servo without whole turns, in counts, whose number of turns is confirmed."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool, held: int | None = None) -> None:
         """Note the mode of a servo.

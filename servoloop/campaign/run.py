@@ -21,6 +21,7 @@ from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import JobRecord
 from servoloop.simulation.jobs import run_jobs
+from servoloop.simulation.logged_defects import LoggedDefects
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import arm_jobs
@@ -96,9 +97,28 @@ def run_schedule(
     stack.narrowed = schedule.limits
     stack.player.plan(schedule.faults)
     prepare(stack)
-    watch, ended = Watch(stack, kinds), ""
-    jobs: list[JobRecord] = []
-    programs: ConnectedPrograms | None = None
+    watch, jobs = Watch(stack, kinds), list[JobRecord]()
+    with LoggedDefects() as defects:
+        ended, programs = _run(stack, settings, schedule, jobs)
+        end_program(stack)
+    watch.end()
+    stack.require_no_defect()
+    if programs is not None:
+        programs.require_no_defect()
+    crashes = [Violation(NO_CRASH, round(stack.clock.now(), 4), defects.text)] if defects.text else []
+    largest_rad = max(chain(*(stack.trace_of(arm.joints).following().largest_rad for arm in stack.arms)), default=None)
+    violations, succeeded = (*watch.violations.values(), *crashes), sum(job.success for job in jobs)
+    return RunReport(
+        *(schedule, violations, succeeded, ended, stack.clock.now(), largest_rad), watch.examined, watch.visits.cycles
+    )
+
+
+def _run(
+    stack: FaultyStack, settings: Mapping[str, JobSettings], schedule: Schedule, jobs: list[JobRecord]
+) -> tuple[str, ConnectedPrograms | None]:
+    """Run the jobs and the clients of a schedule, and append the jobs. Return the reason for an early end, and the
+    programs on the command socket."""
+    ended, programs = "", None
     try:
         stack.up()
         programs = ConnectedPrograms(stack) if any(isinstance(act, SocketAct) for act in schedule.clients) else None
@@ -109,16 +129,7 @@ def run_schedule(
     except (DriverError, HalError) as error:  # These errors are a normal way for the program to end.
         ended = str(error)
     stack.clients = None
-    end_program(stack)
-    watch.end()
-    stack.require_no_defect()
-    if programs is not None:
-        programs.require_no_defect()
-    largest_rad = max(chain(*(stack.trace_of(arm.joints).following().largest_rad for arm in stack.arms)), default=None)
-    violations, succeeded = tuple(watch.violations.values()), sum(job.success for job in jobs)
-    return RunReport(
-        *(schedule, violations, succeeded, ended, stack.clock.now(), largest_rad), watch.examined, watch.visits.cycles
-    )
+    return ended, programs
 
 
 def lost_run(schedule: Schedule, name: str, time_s: float, text: str) -> RunReport:

@@ -21,7 +21,7 @@ class RunOutcome(StrEnum):
     """Outcome of a run, from worst to best."""
 
     VIOLATED = "violated an invariant"
-    ENDED = "ended by a lost bus"
+    ENDED = "ended early"
     FAILED = "failed a job"
     DONE = "as planned"
 

@@ -229,7 +229,7 @@ def _print(tally: "Tally", kept: "list[KeptViolation]", page: Path | None) -> No
     console = Console()
     simulated_h = tally.simulated_s / 3600.0
     console.print(
-        f"{counted(len(tally.rows), 'run')}, {simulated_h:.2f} h of simulated time, {tally.ended} ended by a lost bus"
+        f"{counted(len(tally.rows), 'run')}, {simulated_h:.2f} h of simulated time, {tally.ended} ended early"
     )
     console.print(f"{tally.succeeded} of {tally.jobs} cubes in their bins")
     console.print(_marks(tally))

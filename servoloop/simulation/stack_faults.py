@@ -77,6 +77,10 @@ def require_possible_in(
     require_possible(events, there, lambda number: f"{file.place((*within, number))}: ")
 
 
+class InjectedError(Exception):
+    """Exception that a controller raises because of an injected fault."""
+
+
 class Upsettable:
     """Wrapper that makes a controller fail on request. All other calls are forwarded to the controller."""
 
@@ -97,7 +101,7 @@ class Upsettable:
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         if any(how == "raises" for how, _ in self.upsets):
-            raise RuntimeError("a fault was injected into this controller")
+            raise InjectedError("a fault was injected into this controller")
         self._guarded(lambda: self._controller.update(state, now_s, period_s))
 
     def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:

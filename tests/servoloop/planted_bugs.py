@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from controller.gripper.goal import GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, RuckigMotion, motion_to
-from controller.stops import DecelerationStops
+from controller.stops import DecelerationStops, StopMotion
 from controller.trajectory import active_goal, execution, goal_planner, goal_result, joint_trajectory_controller, paths
 from controller.trajectory.active_goal import ActiveGoal, Cycle
 from controller.trajectory.execution import GoalExecution
@@ -32,17 +33,21 @@ from controller.trajectory.standstill import Standstill
 from controller.trajectory.tolerances import Tolerances, excess, resolve
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import LateReplyFilter
+from drivers.driver_errors import PortLost
+from drivers.protocol import v1
 from drivers.types import ServoFault, ServoGoal
 from hal import gate
 from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
 from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.leaps import Plausibility
 from hal.servos import activation, servo_goals, servo_setup
 from hal.servos.activation import Activation
 from hal.servos.joint_buses import JointBuses
+from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
 from hal.servos.soft_torque import SoftTorque
@@ -780,3 +785,123 @@ def freedrive_outlives_its_program(patch: pytest.MonkeyPatch) -> None:
         halt(served, client)
 
     patch.setattr(ArmRequests, "halt", wrong)
+
+
+@detected_by("aborts are true")
+def canceled_goals_end_as_aborted(patch: pytest.MonkeyPatch) -> None:
+    result = GoalResult(GoalStatus.ABORTED, goal_result.ErrorCode.INVALID_GOAL, "canceled", at_rest=True)
+    patch.setattr(execution, "CANCELED", result)
+
+
+@detected_by("aborts are true")
+def goals_are_aborted_without_a_reason(patch: pytest.MonkeyPatch) -> None:
+    go_on, cycles = GoalExecution._go_on, count()
+
+    def wrong(execution: GoalExecution, active: ActiveGoal, now: Cycle) -> None:
+        if active.begun and not active.ending and next(cycles) % 100 == 99:
+            result = GoalResult(GoalStatus.ABORTED, goal_result.ErrorCode.INVALID_GOAL, "Aborted", at_rest=True)
+            execution._finish(active, result, now)
+        else:
+            go_on(execution, active, now)
+
+    patch.setattr(GoalExecution, "_go_on", wrong)
+
+
+@detected_by("goals are judged")
+def goals_with_several_points_are_rejected(patch: pytest.MonkeyPatch) -> None:
+    check = JointTrajectoryController.check
+
+    def wrong(controller: JointTrajectoryController, goal: TrajectoryGoal) -> str | None:
+        return check(controller, goal) or ("a goal has one point" if len(goal.points) > 1 else None)
+
+    patch.setattr(JointTrajectoryController, "check", wrong)
+
+
+@detected_by("activated as configured")
+def every_third_activation_fails(patch: pytest.MonkeyPatch) -> None:
+    activate, activations = ServoHardware.activate, count()
+
+    def wrong(hardware: ServoHardware) -> None:
+        if next(activations) % 3 == 2:
+            raise ActivationError("not activated")
+        activate(hardware)
+
+    patch.setattr(ServoHardware, "activate", wrong)
+
+
+@detected_by("ends as chosen")
+def arm_is_not_parked_while_a_joint_has_a_fault(patch: pytest.MonkeyPatch) -> None:
+    park = shutdown._park
+
+    def wrong(loop: ControlLoop, *more: Any) -> bool:
+        seen = loop.manager.cycle.seen
+        return bool(seen is not None and seen.faults) or park(loop, *more)
+
+    patch.setattr(shutdown, "_park", wrong)
+
+
+@detected_by("smooth end")
+def arm_stops_hard_before_it_holds(patch: pytest.MonkeyPatch) -> None:
+    def wrong(loop: ControlLoop) -> None:
+        hard = [replace(one, acceleration=1.9 * one.acceleration, jerk=10.0 * one.jerk) for one in loop.limits]
+        velocity = (loop.command - loop.previous_command) / loop.period_s
+        stop = StopMotion(loop.command, velocity, hard, loop.kinds)
+        shutdown._drive(loop, stop.sample, stop.duration_s, lambda: False)
+
+    patch.setattr(shutdown, "_stop", wrong)
+
+
+@detected_by("no crash")
+def driver_has_an_internal_error(patch: pytest.MonkeyPatch) -> None:
+    receive, cycles = Bus.receive, count()
+
+    def wrong(bus: Bus) -> Mapping[int, Any]:
+        if next(cycles) % 1000 == 999:
+            raise KeyError("servo")
+        return receive(bus)
+
+    patch.setattr(Bus, "receive", wrong)
+
+
+@detected_by("silent servo is reported")
+def components_are_lost_without_a_fault(patch: pytest.MonkeyPatch) -> None:
+    receive, cycles = Bus.receive, count()
+
+    def wrong(bus: Bus) -> Mapping[int, Any]:
+        if next(cycles) % 1000 == 999:
+            raise PortLost("the port is lost")
+        return receive(bus)
+
+    patch.setattr(Bus, "receive", wrong)
+
+
+@detected_by("safe wire", "goals mean commands")
+def goals_are_broadcast(patch: pytest.MonkeyPatch) -> None:
+    write, cycles = Bus.write_goals, count()
+
+    def wrong(bus: Bus, goals: Mapping[int, ServoGoal]) -> None:
+        write(bus, goals)
+        if next(cycles) % 100 == 99:
+            bus._port.write(
+                v1.packet(v1.BROADCAST_ID, v1.WRITE, bytes((41, 0, *(3000).to_bytes(2, "little"), *bytes(4))))
+            )
+
+    patch.setattr(Bus, "write_goals", wrong)
+
+
+@detected_by("safe wire")
+def goals_leap_after_a_false_temperature(patch: pytest.MonkeyPatch) -> None:
+    write, read, hot = JointBuses.write_goals, JointBuses.receive, set[str]()
+
+    def receive(buses: JointBuses) -> dict[str, Any]:
+        readings = read(buses)
+        hot.update(name for name, one in readings.items() if getattr(one, "temperature_c", 0.0) > 60.0)
+        return readings
+
+    def wrong(buses: JointBuses, goals: Mapping[str, ServoGoal]) -> None:
+        write(
+            buses, {n: one._replace(position_counts=one.position_counts + 300 * (n in hot)) for n, one in goals.items()}
+        )
+
+    patch.setattr(JointBuses, "receive", receive)
+    patch.setattr(JointBuses, "write_goals", wrong)

@@ -65,7 +65,7 @@ class ActivatedAsConfigured(Invariant):
     """After an activation, every servo has the torque limit, gains and settings that the robot file specifies.
 
     A joint that was far outside its limits must not have been activated. Both conditions also hold for a single servo
-    that has lost power and is activated again.
+    that has lost power and is activated again. Without a fault, an arm within its limits is activated at the start.
 
     While an arm is guided by hand, its torque limits are reduced, and they are restored afterward.
     """
@@ -75,7 +75,7 @@ class ActivatedAsConfigured(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._reference = read_reference(stack.files, stack.narrowed)
-        self._was_active = False
+        self._was_active = self._ever_active = False
         self._released: set[str] = set()
         self._guided_cycles = self._stiff_cycles = 0
         """Numbers of consecutive cycles in which the arm could, or could not, be guided by hand."""
@@ -83,6 +83,7 @@ class ActivatedAsConfigured(Invariant):
     def on_state(self, state: JointState) -> None:
         self._examine_softness()
         begins, self._was_active = self.active and not self._was_active, self.active
+        self._ever_active = self._ever_active or begins
         released, self._released = self._released, self.released(state)
         if not begins and not released:
             return
@@ -96,6 +97,15 @@ class ActivatedAsConfigured(Invariant):
                 touched = set()
             if not touched and touches.since_s(joint.name, LOSSES) > self.stack.loop.period_s:
                 self._examine(joint, self._reference[joint.name])
+
+    def at_end(self) -> None:
+        """Check that the arm was activated if nothing prevented it."""
+        if self._ever_active or self.stack.player.happened:
+            return
+        self.examined += 1
+        true = self.true_positions()
+        if all(one.lower <= true[name] <= one.upper for name, one in self._reference.items() if name in true):
+            self.say("the arm was not activated, although all joints are within their limits and no fault has begun")
 
     def _examine_softness(self) -> None:
         """Check that the torque limits are reduced while the arm is guided by hand, and restored some time later."""

@@ -10,7 +10,7 @@ import numpy as np
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
 from servoloop.campaign.invariants.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -43,9 +43,9 @@ class SafeWire(Invariant):
     Before an activation, the stack must have read the position at least twice. The invariant checks the bytes on the
     bus, not the commands of the layers above. Any goal enables the torque of an STS servo. As soon as the stack can
     know that a servo has lost its torque, it may send that servo only its own position as a goal. Two servos with the
-    same ID are skipped, because it is unknown which of them reports its torque. Servos that report false positions are
-    also skipped, except during an activation if only every second position is false. During an activation, the stack
-    must compare two readings.
+    same ID are skipped, because it is unknown which of them reports its torque. Goals of servos that report false
+    values are compared only with the limits and with the previous goals, except during an activation if only every
+    second position is false. During an activation, the stack must compare two readings.
     """
 
     name = "safe wire"
@@ -70,10 +70,15 @@ class SafeWire(Invariant):
         reported, seen = len(monitor.broken), monitor.goals_seen + monitor.torque_on_seen
         monitor.see(data)
         self.examined += monitor.goals_seen + monitor.torque_on_seen - seen
-        for text in monitor.broken[reported:]:
-            joint = text.partition(":")[0]
-            if not self.deceived(joint) or (not self.active and self.never_confirmed(joint, LEAP_COUNTS)):
-                self.say(text)
+        for joint, text, believes in monitor.broken[reported:]:
+            if not believes or self._knows(joint):
+                self.say(f"{joint}: {text}")
+
+    def _knows(self, joint: str) -> bool:
+        """Return whether the stack can know the position and the torque of a joint."""
+        if not DECEIVING & self.stack.touches.kinds(joint):
+            return True
+        return not self.active and self.never_confirmed(joint, LEAP_COUNTS)
 
     def on_state(self, state: JointState) -> None:
         off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []

@@ -60,15 +60,14 @@ class EndsAsChosen(Invariant):
             for joint in self.joints:
                 if joint.name in driven & on:
                     self._examine_limit(joint)
-            if not affected and len(driven) == len(self.joints):
-                self._report("pressing", {joint for joint in driven & without_error if self._presses(joint)})
+            whole = {joint for arm in self.stack.arms if driven >= set(arm.joints) for joint in arm.joints}
+            self._report("pressing", {joint for joint in whole & without_error if self._presses(joint)})
             return
         reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - affected
         if not self._inactive:
             self.examined += len(reached)
             self._report("torque still enabled", on & reached)
-        if len(driven) == len(self.joints):
-            self._report("not parked", self._not_parked())
+        self._report("not parked", self._not_parked() & driven)
 
     def _settings_changed(self, joint: str) -> bool:
         """Return whether a fault may have changed the registers of a joint's servo, or prevented writes to them."""

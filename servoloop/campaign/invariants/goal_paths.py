@@ -269,7 +269,8 @@ class ReplacedGoalsEnd(Invariant):
     def on_state(self, state: JointState) -> None:
         newest = self.newest_goal
         goals = [one for one in self.stack.goals.open if one.controller == self.arm.name and one is not newest]
-        self.examined += bool(newest) and bool(self.stack.ended_goals)
+        ended = [one for one in self.stack.ended_goals if one.controller == self.arm.name and one is not newest]
+        self.examined += bool(goals or ended)
         manager = self.stack.manager
         takes = manager.cycle.at_rest(manager.registry.loaded[self.arm.name].index)
         self._cycles = self._cycles + 1 if goals and takes else 0

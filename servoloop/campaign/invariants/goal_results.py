@@ -56,7 +56,8 @@ The goal ends only after its joints are at rest and relieved.
 class AbortsAreTrue(Invariant):
     """A joint named in the abort message has really deviated from its path or could not be measured.
 
-    The error code of a result agrees with its status and its message.
+    The error code of a result agrees with its status and its message. A goal on its path is aborted without an error of
+    the arm only if a newer goal replaces it, or if its controller becomes inactive.
     """
 
     name = "aborts are true"
@@ -65,6 +66,8 @@ class AbortsAreTrue(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._history: deque[tuple[dict[str, float], dict[str, float], frozenset[str]]] = deque(maxlen=HISTORY)
+        self._followed: LoggedGoal | None = None
+        """Goal whose path the arm has followed."""
 
     def on_state(self, state: JointState) -> None:
         tracking = self.arm.tracking
@@ -78,11 +81,14 @@ class AbortsAreTrue(Invariant):
             aborted = handle.status is GoalStatus.ABORTED
             if aborted:
                 self._examine(handle.error_code, handle.error_text)
+                self._examine_reason(logged)
             if aborted != (handle.error_code != ErrorCode.SUCCESSFUL) or not _belongs(
                 handle.error_code, handle.error_text
             ):
                 result = f"{handle.status.name} with the error code {handle.error_code}"
                 self.say(f"the result of a goal is {result}: {handle.error_text}")
+        if tracking is not None and tracking.on_goal:
+            self._followed = self.newest_goal
 
     def _examine(self, code: int, text: str) -> None:
         found = OFF.search(text)
@@ -97,6 +103,15 @@ class AbortsAreTrue(Invariant):
             self.examined += 1
             if (cycles := self._cycles_unmeasured()) < ABORTS_CYCLES:
                 self.say(f"a goal was aborted ({text}), but its joints were unmeasured for at most {cycles} cycles")
+
+    def _examine_reason(self, logged: LoggedGoal) -> None:
+        """Check that a goal without an error of the arm was replaced, or that its controller is inactive."""
+        if logged.handle.error_code != ErrorCode.INVALID_GOAL or logged is not self._followed:
+            return
+        self.examined += 1
+        active = self.stack.manager.registry.loaded[self.arm.name].active
+        if active and self.active and not self.stack.ending and logged is self.newest_goal:
+            self.say(f"a goal was aborted without a reason: {logged.handle.error_text}")
 
     def _cycles_unmeasured(self) -> int:
         """Return the largest number of consecutive cycles in which a joint of the arm was not measured."""
@@ -178,7 +193,7 @@ class DeviationEnds(Invariant):
         open_goals = [logged for logged in self.stack.goals.open if logged.controller == arm.name]
         tracking = arm.tracking
         on_path = tracking is not None and tracking.on_goal and tracking.elapsed_s < tracking.path.duration_s
-        if tracking is None or not on_path or not open_goals or state.faults:
+        if tracking is None or not on_path or not open_goals or state.faults.keys() & set(arm.joints):
             self._off_s.clear()
             self._own_s.clear()
             return

@@ -3,7 +3,7 @@
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Final
 
 import numpy as np
@@ -220,7 +220,7 @@ class GoalsAreJudged(Invariant):
             stood = self._stood.get(joint, [])
             self._stood[joint] = [*(stood if joint in waiting else stood[-2:]), true[joint], commands[joint]]
         for goal, reason in rejected:
-            if len(goal.points) == 1 and not self._beyond(goal, -BEYOND) and self._complete(goal, reason):
+            if reason != NOT_RUNNING and self._valid(goal) and not self._beyond(goal, -BEYOND):
                 self.say(f"a goal within the limits was rejected: {reason}")
 
     def _beyond(self, goal: TrajectoryGoal, share: float) -> str:
@@ -238,9 +238,17 @@ class GoalsAreJudged(Invariant):
                     return f"{joint} to {position:.4f}, but its limits are {known.lower:g} and {known.upper:g}"
         return ""
 
-    def _complete(self, goal: TrajectoryGoal, reason: str) -> bool:
-        whole = any(set(goal.joints) == set(arm.joints) for arm in self.stack.arms)
-        return whole and len(goal.points[0].positions) == len(goal.joints) and reason != NOT_RUNNING
+    def _valid(self, goal: TrajectoryGoal) -> bool:
+        """Return whether a goal has all joints of an arm, increasing times, and finite values that end at rest."""
+        n, points = len(goal.joints), goal.points
+        complete = any(set(goal.joints) == set(arm.joints) and n == len(arm.joints) for arm in self.stack.arms)
+        increasing = all(one.time_from_start_s < after.time_from_start_s for one, after in pairwise(points))
+        if not (complete and increasing and points and points[0].time_from_start_s >= 0.0):
+            return False
+        values = [values for one in points for values in (one.positions, one.velocities, one.accelerations)]
+        sized = all(len(one) == n for one in values[::3]) and all(len(one) in (0, n) for one in values)
+        sized = sized and not any(one.has_effort for one in points)
+        return sized and all(map(math.isfinite, chain(*values))) and not any(points[-1].velocities)
 
 
 def longest_s(goal: TrajectoryGoal, limits: Mapping[str, JointLimits]) -> float:

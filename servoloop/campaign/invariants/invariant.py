@@ -14,7 +14,9 @@ from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 from servoloop.simulation.touches import touched_joints
-from sim_backend.faults.false_replies import FalsePosition
+from sim_backend.faults.event import Event
+from sim_backend.faults.false_replies import FalsePosition, FalseValue
+from sim_backend.faults.settings import WrongSetting
 
 DECEIVING: Final = frozenset(
     {
@@ -29,7 +31,22 @@ DECEIVING: Final = frozenset(
         "collision",
     }
 )
-"""Faults after which the position that a servo reports temporarily or permanently differs from its joint's position."""
+"""Faults after which the position that a servo reports temporarily or permanently differs from its joint's position, or
+after which the servo moves differently. Of ``false_value`` and ``wrong_setting``, only some registers have this
+effect."""
+MOVING_SETTINGS: Final = frozenset(
+    {
+        *("homing_offset", "multi_turn_offset", "resolution_divider", "angular_resolution", "drive_mode", "phase"),
+        *("control_mode", "min_position", "max_position", "min_position_limit", "max_position_limit"),
+        *("cw_angle_limit", "ccw_angle_limit", "cw_dead_zone", "ccw_dead_zone", "minimum_startup_force"),
+        *("position_p", "position_i", "position_d", "velocity_p", "velocity_i", "integral_limit", "hts", "dts"),
+        *("max_torque", "pwm_limit", "pwm_slope", "current_limit", "velocity_limit", "max_velocity", "velocity_unit"),
+        *("acceleration_limit", "max_acceleration", "acceleration_multiplier"),
+    }
+)
+"""Settings that change the position that a servo reports, or how it moves."""
+PRESENT_POSITION: Final = "present_position"
+"""Name of the register that contains the position of a servo."""
 UNREAD: Final = frozenset({"silent", "corrupt", "late", "no_time"})
 """Kinds of faults that prevent the stack from reading the state of a servo."""
 COMPLAINTS: Final = ("status", "hardware_error_status")
@@ -145,8 +162,13 @@ class Invariant:
         return min(max(position, lower), upper)
 
     def deceived(self, joint: str) -> bool:
-        """Return whether the joint's servo may report a wrong position because of a fault."""
-        return bool(DECEIVING & self.stack.touches.kinds(joint))
+        """Return whether the joint's servo may report a wrong position, or move differently, because of a fault."""
+        return bool(DECEIVING & self.stack.touches.kinds(joint)) and bool(self._deceptions(joint))
+
+    def _deceptions(self, joint: str) -> list[Event]:
+        """Return the faults because of which the joint's servo may report a wrong position or move differently."""
+        events = (*self.stack.player.active.values(), *self.stack.player.happened)
+        return [one for one in events if _deceives(one) and joint in touched_joints(one, self.joints)]
 
     def never_confirmed(self, joint: str, leap_counts: float) -> bool:
         """Return whether two readings of a joint can never agree on a false position.
@@ -155,13 +177,11 @@ class Invariant:
         position than ``leap_counts``.
         """
         turn = next(one.model.counts_per_turn for one in self.joints if one.name == joint)
-        faults = (*self.stack.player.active.values(), *self.stack.player.happened)
-        false = [one for one in faults if one.kind in DECEIVING and joint in touched_joints(one, self.joints)]
         return all(
             isinstance(one, FalsePosition)
             and (one.every > 1 or one.replies == 1)
             and abs(math.remainder(one.counts, turn)) > leap_counts
-            for one in false
+            for one in self._deceptions(joint)
         )
 
     @property
@@ -212,6 +232,15 @@ class Invariant:
 
     def at_end(self) -> None:
         """Called after the program has ended and the hardware has been released."""
+
+
+def _deceives(event: Event) -> bool:
+    """Return whether a fault changes the position that a servo reports, or how it moves."""
+    if isinstance(event, FalseValue):
+        return event.register_name == PRESENT_POSITION
+    if isinstance(event, WrongSetting):
+        return event.register_name in MOVING_SETTINGS
+    return event.kind in DECEIVING
 
 
 def reports_error(joint: Joint, servo: Any) -> bool:

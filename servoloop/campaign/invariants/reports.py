@@ -37,6 +37,8 @@ PASSING: Final = frozenset(
 )
 """Faults that leave a servo unchanged after they end. ``false_value`` is not included, because the stack may then have
 to assume that the servo has released its torque."""
+UNCHANGING: Final = PASSING | {"jammed", "missed_instructions"}
+"""Faults after which a servo works as before. Their end does not always show in its replies."""
 TAKEN_BACK_S: Final = 2.5
 """Maximum time until a servo that responds again returns to the cycle, in seconds: late replies to many lost requests
 may arrive for two seconds, and then the servo's torque is checked."""
@@ -60,15 +62,14 @@ class NamedAlone(Invariant):
         self._missing, self._wrong = Counter[str](), Counter[str]()
 
     def on_state(self, state: JointState) -> None:
+        self._examine_losses()
         if not self.active or self.shared_id:
             self._missing.clear()
             self._wrong.clear()
             return
         active = self.stack.player.active.values()
         silent = {name for event in active if self._silences(event) for name in touched_joints(event, self.joints)}
-        working = {
-            joint.name for joint in self.joints if not self.stack.touches.kinds(joint.name) and self._works(joint)
-        }
+        working = {joint.name for joint in self.joints if self._works(joint)}
         self.examined += len(silent) + len(working) * bool(active)
         self._missing = Counter({joint: self._missing[joint] + 1 for joint in silent - state.faults.keys()})
         wrong = {name for name in state.faults.keys() & working if not self._is_lost_with_another(state.faults[name])}
@@ -77,6 +78,13 @@ class NamedAlone(Invariant):
             for joint, cycles in counts.items():
                 if cycles > CYCLES_TO_NAME:
                     self.say(f"{joint} {text}, for {counted(cycles, 'cycle')}")
+
+    def _examine_losses(self) -> None:
+        """Check that no component is lost unless a fault has touched one of its buses."""
+        for component in self.stack.loop.hardware.lost:
+            touches = (self.stack.touches.kinds(joint) for joint in component.hardware.joints)
+            if not any(LOSING in kinds for kinds in touches):
+                self.say(f"{component.name} is lost although its adapter was never unplugged: {component.error}")
 
     def _is_lost_with_another(self, fault: JointFault) -> bool:
         """Return whether a joint is reported because its component has several buses and has lost one of them."""
@@ -88,8 +96,11 @@ class NamedAlone(Invariant):
         return event.kind in SILENCING and getattr(event, "baud", None) not in rates
 
     def _works(self, joint: Joint) -> bool:
-        """Return whether the torque of the joint's servo is enabled and the servo reports no error."""
-        return self.torque(joint) and not reports_error(joint, self.servos[joint.name])
+        """Return whether the torque of the joint's servo is enabled, the servo reports no error, and past faults have
+        left it unchanged."""
+        touches = self.stack.touches
+        past = touches.kinds(joint.name) <= UNCHANGING and touches.since_s(joint.name) > TAKEN_BACK_S
+        return past and self.torque(joint) and not reports_error(joint, self.servos[joint.name])
 
 
 class TakenBack(Invariant):
@@ -108,8 +119,8 @@ class TakenBack(Invariant):
             if not usable or not passing or not self.torque(joint):
                 self._reported_s[joint.name] = 0.0
                 continue
-            self.examined += touches.since_s(joint.name) < TAKEN_BACK_S
             reported = joint.name in state.faults
+            self.examined += reported
             self._reported_s[joint.name] = self._reported_s[joint.name] + self.stack.loop.period_s if reported else 0.0
             if self._reported_s[joint.name] > TAKEN_BACK_S:
                 text = state.faults[joint.name].text
@@ -190,7 +201,7 @@ class LimpIsFound(Invariant):
         active = self.active
         for joint in self.joints:
             known = not active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
-            self.examined += not known and bool(self.stack.touches.kinds(joint.name))
+            self.examined += not known and not self.torque(joint)
             if known or self.torque(joint):
                 self._limp_since_s.pop(joint.name, None)
                 continue

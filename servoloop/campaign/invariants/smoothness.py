@@ -161,7 +161,7 @@ class SmoothEnd(Invariant):
             change[np.logical_not(examined)] = 0.0
             worst = int((change / self._acceleration).argmax())
             parks = self.stack.ending and self.stack.control_stack.releases
-            relieved = (self.stack.ending and not parks) or now_s - self._relieved_s <= RELIEVED_S
+            relieved = now_s - self._relieved_s <= RELIEVED_S
             if change[worst] > (RELIEF_SHARE if relieved else COMMANDS_SHARE) * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
                 self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")

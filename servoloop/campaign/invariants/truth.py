@@ -123,7 +123,7 @@ class ReportedTruly(Invariant):
         """
         touches, joint = self.stack.touches, self._by_name[name]
         kinds = touches.kinds(name)
-        if not kinds & DECEIVING:
+        if not self.deceived(name):
             return bool(self.servos[name].on_read)
         if kinds & DECEIVING != {"false_position"}:
             return True
@@ -194,13 +194,16 @@ class GoalsMeanCommands(Invariant):
 
     def on_state(self, state: JointState) -> None:
         self._examine_rate(state)
-        if not self.active or state.faults:
+        if not self.active:
             self._stands.clear()
             self._blocked.clear()
             return
         world, true = self.stack.world, self.true_positions()
         speeds = dict(zip(world.joints, np.abs(world.velocity()).tolist(), strict=True))
         for joint in self.driven_joints:
+            if joint in state.faults:
+                self._stands[joint] = self._blocked[joint] = 0
+                continue
             self._examine_lead(joint, true[joint], speeds[joint])
             command = float(self.stack.loop.command[self.commanded.index(joint)])
             offset = self._last.get(joint, command) - command

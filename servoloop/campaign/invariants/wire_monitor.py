@@ -3,8 +3,9 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import inf, pi
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
+from drivers.protocol.v1 import BROADCAST_ID
 from drivers.servos import sts
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.feetech import STS
@@ -34,6 +35,15 @@ SPEED_COUNTS_S: Final = 101.0
 """Goal speed allowed in addition to ``SPEED_SHARE`` of the velocity limit, in counts/s."""
 CONFIRMING_READS: Final = 2
 """Minimum number of position readings between the last setting written to a limp servo and the servo's first goal."""
+
+
+class Broken(NamedTuple):
+    """Violation on a bus."""
+
+    joint: str
+    text: str
+    believes: bool
+    """Whether the stack believed what the servo reported about its position or its torque."""
 
 
 class WireMonitor:
@@ -78,7 +88,7 @@ class WireMonitor:
 
         The servo of such a joint may lose its torque again before the stack can know. The caller clears this set.
         """
-        self.broken: list[str] = []
+        self.broken: list[Broken] = []
         self.goals_seen = 0
         self.torque_on_seen = 0
 
@@ -89,8 +99,8 @@ class WireMonitor:
                 if servo_id in self._joints:
                     self._read(*self._joints[servo_id], address, size)
             for servo_id, address, content in self._writes(instruction):
-                if servo_id in self._joints:
-                    self._written(*self._joints[servo_id], address, content)
+                for one in self._joints if servo_id == BROADCAST_ID else {servo_id} & self._joints.keys():
+                    self._written(*self._joints[one], address, content)
 
     def _read(self, joint: Joint, servo: Any, address: int, size: int) -> None:
         if self._positions[joint.servo_id] in _addresses(servo.memory, address, size):
@@ -127,18 +137,16 @@ class WireMonitor:
             self._placed_s[joint.servo_id] = self._line.reached_s
         returns = before is not None and (before <= goal < lower or upper < goal <= before)
         if not (lower <= goal <= upper or begins or returns):
-            self.broken.append(f"{joint.name}: goal {goal} is outside {lower} to {upper}")
+            self._report(joint, f"goal {goal} is outside {lower} to {upper}", taken_over)
         reach = joint.limits.velocity * self._period_s / abs(joint.units_per_count) + 1.0
         if before is not None and abs(goal - before) > reach and not begins:
-            self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
+            self._report(joint, f"goal leaps from {before} to {goal}, more than {reach:.1f}", taken_over)
         known = joint.name in self._limp and joint.name not in self.enabled
         if limp and (known or self._activating()) and not begins:
-            self.broken.append(f"{joint.name}: limp at {position} but sent goal {goal}")
+            self._report(joint, f"limp at {position} but sent goal {goal}")
         readings = self._measured[joint.servo_id]
         if limp and self._activating() and goal != before and readings < CONFIRMING_READS:
-            self.broken.append(
-                f"{joint.name}: sent goal {goal} after {readings} readings, but {CONFIRMING_READS} must agree"
-            )
+            self._report(joint, f"sent goal {goal} after {readings} readings, but {CONFIRMING_READS} must agree")
         self._goals[joint.servo_id] = goal
 
     def _speed(self, joint: Joint, speed: int) -> None:
@@ -146,7 +154,7 @@ class WireMonitor:
         reach = joint.limits.velocity / abs(joint.units_per_count) + 1.0 / self._period_s  # whole counts per period
         fastest = SPEED_SHARE * reach + SPEED_COUNTS_S
         if not 0 < speed <= fastest:
-            self.broken.append(f"{joint.name}: goal speed {speed}, but at most {fastest:.0f} counts/s are allowed")
+            self._report(joint, f"goal speed {speed}, but at most {fastest:.0f} counts/s are allowed", believes=False)
 
     def _torque(self, joint: Joint, value: int, position: int, goal: int | None) -> None:
         """Check a write to the torque register. A servo that was driven since its last goal may have sagged.
@@ -166,8 +174,11 @@ class WireMonitor:
             self._driven.add(joint.servo_id)
             return
         if abs(goal - position) > self._within_counts(joint):
-            self.broken.append(f"{joint.name}: torque enabled at {position} with goal {goal}")
+            self._report(joint, f"torque enabled at {position} with goal {goal}")
         self._driven.add(joint.servo_id)
+
+    def _report(self, joint: Joint, text: str, believes: bool = True) -> None:
+        self.broken.append(Broken(joint.name, text, believes))
 
     def _within_counts(self, joint: Joint) -> float:
         """Return the distance by which a limp joint may have moved since its last measurement, in counts."""
@@ -193,13 +204,12 @@ class GoalReader:
         goals: dict[int, int] = {}
         for instruction in self._parser.feed(data):
             for servo_id, address, content in self._writes(instruction):
-                series = self._series.get(servo_id)
-                if series is None:
-                    continue
-                places = _addresses(self._memories[servo_id], address, len(content))
-                value = _value(series.goal_position, series.protocol.byte_order, places, content)
-                if value is not None:
-                    goals[servo_id] = value
+                for one in self._series if servo_id == BROADCAST_ID else {servo_id} & self._series.keys():
+                    series = self._series[one]
+                    places = _addresses(self._memories[one], address, len(content))
+                    value = _value(series.goal_position, series.protocol.byte_order, places, content)
+                    if value is not None:
+                        goals[one] = value
         return goals
 
 

@@ -33,7 +33,7 @@ class LevelHand:
 
     def activate(self, state, command):
         self.command = command
-        self.turned = 0.0  # Rotation of shoulder and elbow since then, in rad.
+        self.turned = 0.0  # Rotation of shoulder and elbow since activation, in rad.
         self.start = command
 
     def deactivate(self, reason=""): ...
