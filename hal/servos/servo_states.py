@@ -9,9 +9,8 @@ from drivers.bus.counters import ServoCounters
 from drivers.clock import Clock
 from drivers.types import Reading, ServoState
 from hal.joint import Joint
-from hal.leaps import Plausibility
+from hal.leaps import Plausibility, SeamCrossings
 from hal.servos.joint_buses import JointBuses
-from hal.servos.seam_crossings import SeamCrossings
 from hal.servos.servo_faults import ServoFaults
 from hal.servos.supply_watch import SupplyWatch
 from hal.types import JointFault, JointState, ServoHealth, Stall
