@@ -9,6 +9,7 @@ from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.limp_arm import LimpArm, torque_warning
 from hal.servos.open_buses import OpenBuses
+from hal.servos.servo_setup import ServoSetup
 from hal.types import JointState
 
 LEADER: Final = "leader"
@@ -33,16 +34,16 @@ class LeaderArm(LimpArm):
         """Clock times of the last request and of the request that returned the last measurement."""
         self._released = False
 
-    def configure(self) -> None:
-        """Find all servos, without enabling or disabling their torque.
+    def _check(self, setup: ServoSetup) -> None:
+        """Check the servos when the component is configured, without enabling or disabling their torque.
 
         Raises:
             ActivationError: A leader that was released before has its torque enabled when it is reconnected. It may be
                 a different arm.
+            DriverError: A servo does not respond, or does not match the robot file.
         """
-        super().configure()
+        super()._check(setup)
         if self._released and (servos := self.held()):
-            self.cleanup()
             raise ActivationError(
                 f"the leader was limp before its connection was lost. Now {torque_warning(servos)}: "
                 "restart teleoperation"

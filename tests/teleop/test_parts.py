@@ -9,13 +9,18 @@ from hypothesis import strategies as st
 
 from controller.teleop.ramp_in import SHARE, RampIn
 from drivers.clock import MonotonicClock
+from drivers.driver_errors import DriverError
+from drivers.servos import sts
 from hal.hal_errors import ActivationError
+from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LeaderArm
 from servoloop.manual import dead_man
 from servoloop.manual.dead_man import DeadMansKey, HandsFree
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.terminal import FIRST_S, REPEAT_S
 from servoloop.teleop.arms import TeleopError, followed_joints
+from sim_backend.packets.instructions import Instruction
+from tests.hal.bench import IDS, JOINTS, Bench
 from tests.teleop.rig import FOLLOWER, LEADER, Rig
 
 
@@ -75,6 +80,30 @@ def test_a_leader_is_never_driven() -> None:
     assert not leader.command_interfaces
     with pytest.raises(ActivationError, match="moved by hand"):
         leader.activate()
+
+
+@pytest.mark.parametrize("servo_id", IDS)
+def test_a_leader_that_is_reconnected_with_torque_is_closed_whenever_a_servo_falls_silent(servo_id: int) -> None:
+    bench = Bench()
+    leader = LeaderArm(JOINTS, bench.open_bus, bench.clock)
+    leader.configure()
+    leader.release()
+    leader.cleanup()
+    for other in IDS:
+        bench.servos.servo(other).memory.put(sts.torque_enable, 1)
+    begin, instructions = 0, 1
+    while begin < instructions:
+
+        def fall_silent(number: int, instruction: Instruction, begin: int = begin) -> None:
+            if number == begin:
+                bench.servos.faults.silence(servo_id)
+
+        bench.watch_next_port = fall_silent
+        with pytest.raises((DriverError, ActivationError)):
+            leader.configure()
+        assert leader.state is LifecycleState.UNCONFIGURED, begin
+        bench.servos.faults.restore(servo_id)
+        begin, instructions = begin + 1, len(bench.port.sent)
 
 
 @given(st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=6))
