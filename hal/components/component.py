@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.bus.counters import BusCounters
-from hal.hardware import Hardware, Reactivating
+from hal.hardware import Hardware, Reactivating, outputs_of
 from hal.lifecycle import LifecycleState
 from hal.types import JointFault, JointState, ServoHealth
 
@@ -24,6 +24,8 @@ class Component:
     """Indices of the component's commands among the commands of the set."""
     cycles_per_update: int = 1
     """Number of cycles between two updates of the component."""
+    written: bool = True
+    """Whether the component has commands or outputs. Otherwise it is only read."""
     switching: bool = False
     """Whether a transition is running in the background. During a transition, the cycle skips the component."""
     leaving: bool = False
@@ -66,7 +68,8 @@ def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]
     joints = commands = 0
     for one, cycles in zip(hardware, cycles_per_update, strict=True):
         ends = joints + len(one.joints), commands + len(one.command_interfaces)
-        yield Component(one, slice(joints, ends[0]), slice(commands, ends[1]), cycles)
+        written = bool(one.command_interfaces or outputs_of(one))
+        yield Component(one, slice(joints, ends[0]), slice(commands, ends[1]), cycles, written)
         joints, commands = ends
 
 

@@ -176,7 +176,7 @@ class ComponentSet:
                 continue
             component.driven = True
             part = values[component.commands]
-            if (self._cycle - 1) % component.cycles_per_update == 0 and part.size and np.isfinite(part).all():
+            if (self._cycle - 1) % component.cycles_per_update == 0 and component.written and np.isfinite(part).all():
                 self._write(component, JointCommand(part, period_s * component.cycles_per_update))
 
     def _write(self, component: Component, command: JointCommand) -> None:

@@ -145,6 +145,20 @@ def test_a_component_without_commands_is_only_read() -> None:
     assert (len(state.position), len(probe.written), len(arm.written)) == (2, 0, 1)
 
 
+def test_a_component_with_only_outputs_is_written() -> None:
+    clock = SimulatedClock(1.0)
+    lamp, arm = Failing("lamp", clock, ()), Failing("arm", clock)
+    lamp.outputs = ("lamp/led",)
+    components = ComponentSet([lamp, arm], clock, cycles_per_update=(2, 1))
+    configure_all(components)
+    activate_all(components)
+    for _ in range(4):
+        components.read()
+        components.write(np.array([np.nan]), 0.05)
+    assert [len(one.written) for one in (lamp, arm)] == [2, 0]
+    assert (lamp.written[-1].values.shape, lamp.written[-1].period_s) == ((0,), pytest.approx(0.1))
+
+
 def test_a_slow_component_gets_commands_for_its_whole_period() -> None:
     components, made = three(cycles_per_update=(1, 1, 3))
     configure_all(components)

@@ -14,6 +14,8 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from drivers.servos import x
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import Register
+from hal.components.component_lifecycle import activate_all, configure_all
+from hal.components.component_set import ComponentSet
 from hal.hal_errors import HalError
 from hal.mock_hardware import MockHardware
 from hal.outputs import Outputs
@@ -139,6 +141,23 @@ def test_a_mock_has_every_output_and_reports_it() -> None:
     requested.set("lift/acceleration", 0.5)
     mock.write(JointCommand(np.zeros(1), 0.05))
     assert mock.read().extra == {"tool/vacuum": 1.0, "lift/acceleration": 0.5}
+
+
+def test_a_mock_of_only_outputs_reports_them() -> None:
+    text = (
+        '<robot name="r"><link name="a"/><ros2_control name="box" type="system">'
+        "<hardware><plugin>p/P</plugin></hardware>"
+        '<gpio name="lamp"><command_interface name="led"/><state_interface name="led"/></gpio></ros2_control></robot>'
+    )
+    component, clock = parse_urdf(text).components[0], SimulatedClock()
+    requested = Outputs(component.outputs)
+    components = ComponentSet([MockHardware.of(component, clock, requested)], clock)
+    configure_all(components)
+    activate_all(components)
+    requested.set("lamp/led", 1.0)
+    components.read()
+    components.write(np.zeros(0), 0.05)
+    assert components.read().extra == {"lamp/led": 1.0}
 
 
 def test_an_output_has_no_effect_in_mujoco_but_its_controller_starts(tmp_path: Path) -> None:
