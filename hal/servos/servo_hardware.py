@@ -143,6 +143,8 @@ class ServoHardware:
         self._states.reactivated(names)
         if self.compensation is not None:
             self.compensation.restart(names)
+        if self._outputs is not None:
+            self._outputs.forget()
         return names
 
     def deactivate(self, relax: bool) -> Sequence[str]:

@@ -62,6 +62,20 @@ def test_a_forward_controller_switches_the_led_of_a_servo_and_its_state_is_repor
     assert stack.loop.command == pytest.approx(before, abs=0.02), "an output moves no joint"
 
 
+def test_an_output_is_sent_again_after_its_servo_was_reset(tmp_path: Path) -> None:
+    stack = SimulatedStack(files=with_elements(tmp_path, LED)).up()
+    servo = stack.bus.servo(stack.files.robot.file.joints["gripper"].servo_id)
+    stack.control_stack.context.outputs.set("lamp/led", 1.0)
+    stack.run(0.2)
+    assert servo.memory.get(x.led) == 1
+    servo.power_cycle()
+    stack.run(1.0)
+    assert servo.memory.get(x.led) == 0
+    assert stack.hardware.reactivate() == {"gripper"}
+    stack.run(0.2)
+    assert servo.memory.get(x.led) == 1
+
+
 @pytest.mark.parametrize(
     ("register", "reason"),
     [
