@@ -7,7 +7,7 @@ from typing import Final
 
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters, ServoCounters
-from drivers.driver_errors import PortError, PortLost, ServoError
+from drivers.driver_errors import DriverError, PortError, PortLost, ServoError
 from drivers.types import Reading, ServoFault, ServoGoal, ServoState
 from hal.hal_errors import PartLost
 from hal.joint import Joint
@@ -123,15 +123,17 @@ class JointBuses:
         """If there are several buses, add the bus and its joints to an error message."""
         try:
             yield
-        except PortLost as error:
+        except (PortLost, ServoError) as error:
             if not self.several:
                 raise
-            out_of_reach = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in self.joints_on[name])
-            raise PortLost(f"bus {name}: {error}. Out of reach: {out_of_reach}") from error
-        except ServoError as error:
-            if not self.several:
-                raise
-            raise type(error)(error.servo_id, f"{error.text} ({self._owner(name, error.servo_id)})") from error
+            named: DriverError
+            if isinstance(error, ServoError):
+                named = type(error)(error.servo_id, f"{error.text} ({self._owner(name, error.servo_id)})")
+            else:
+                out_of_reach = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in self.joints_on[name])
+                named = PortLost(f"bus {name}: {error}. Out of reach: {out_of_reach}")
+            named.__notes__ = getattr(error, "__notes__", [])
+            raise named from error
 
     def _owner(self, name: str, servo_id: int) -> str:
         return next(f"{joint.name}, bus {name}" for joint in self.joints_on[name] if joint.servo_id == servo_id)

@@ -78,9 +78,9 @@ class ServoSetup:
         with self._buses.named(name):
             errors = _failed(joints, bus, _settle)
         explained = (EepromError, ServoRefused)
-        problems = {
-            i: str(e) if isinstance(e, explained) else intermittent_text(i, bus.name) for i, e in errors.items()
-        }
+        texts = {i: str(e) if isinstance(e, explained) else intermittent_text(i, bus.name) for i, e in errors.items()}
+        # The notes of an error list the settings that were written before it.
+        problems = {i: "; ".join([text, *getattr(errors[i], "__notes__", ())]) for i, text in texts.items()}
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def _identify_bus(self, name: str, bus: Bus) -> list[str]:

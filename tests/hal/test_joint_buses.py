@@ -12,7 +12,7 @@ import pytest
 from drivers.bus.bus import Bus
 from drivers.bus.counters import BusCounters
 from drivers.bus.retry import ATTEMPTS
-from drivers.driver_errors import DriverError, PortLost, PortMissing
+from drivers.driver_errors import DriverError, PortLost, PortMissing, ServoRefused
 from drivers.servos import sts
 from drivers.types import Reading, ServoState
 from hal.components.component_lifecycle import configure_all
@@ -134,6 +134,18 @@ def test_a_port_lost_during_setup_is_reported_with_its_bus_and_joints(lost: str)
             bench.hardware.configure()
         assert str(caught.value).startswith(f"bus {lost}: /dev/{lost} was unplugged")
         assert str(caught.value).endswith(f"Out of reach: {joints}")
+
+
+@pytest.mark.parametrize("error", [PortLost("the port was unplugged"), ServoRefused(1, "is wrong")])
+def test_notes_of_an_error_are_kept_when_the_bus_is_named(error: DriverError) -> None:
+    error.add_note("written before this error: position_p 32 to 16")
+    bench = Ports()
+    with (
+        pytest.raises(type(error), match="bus arm") as caught,
+        JointBuses((SHOULDER, FINGER), bench.open()).named("arm"),
+    ):
+        raise error
+    assert caught.value.__notes__ == ["written before this error: position_p 32 to 16"]
 
 
 @pytest.mark.parametrize("lost", ["arm", "hand"])

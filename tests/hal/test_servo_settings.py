@@ -61,6 +61,19 @@ def test_settings_are_not_written_to_a_servo_with_torque() -> None:
     assert bench.torque() == [1]
 
 
+def test_a_failure_reports_the_settings_written_before_it() -> None:
+    bench = Bench(joints=(replace(JOINTS[0], settings=(("max_temperature", 60), ("position_p", 16))), *JOINTS[1:]))
+    memory = bench.servos.servo(1).memory
+    bench.port.before_write = lambda number, instruction: memory.put(sts.position_p, 32)
+    with pytest.raises(DriverError) as caught:
+        bench.configured()
+    assert bench.held(1, sts.max_temperature) == 60
+    assert str(caught.value) == (
+        "shoulder: servo 1: position_p (register 21) is still 32, not 16: the servo did not accept the value; "
+        "written before this error: max_temperature 70 to 60"
+    )
+
+
 def test_nothing_is_written_while_a_servo_is_missing() -> None:
     bench = Bench(joints=NAMED)
     bench.servos.faults.silence(7)
