@@ -34,10 +34,11 @@ def together(parts: Sequence[Part]) -> Robot:
     if len(policies) > 1:
         names = " and ".join(component.name for component, _ in parts)
         raise RobotFileError(f"the robot files of {names} differ in on_exit: write the same value in all of them")
-    _require_one_name_each(parts)
+    on_buses = [(component, robot) for component, robot in parts if robot.joints]  # no joints: no bus
+    _check_bus_names(on_buses)
     joints = tuple(replace(joint, bus=bus_name(c, joint.bus)) for c, robot in parts for joint in robot.joints)
     file = RobotFile(
-        buses=_buses(parts),
+        buses=_buses(on_buses) or None,
         joints=_joint_files(parts),
         park=_park([robot.file.park for _, robot in parts if robot.file.park]),
         controller_defaults=_defaults(parts),
@@ -56,10 +57,15 @@ def bus_name(component: HardwareInfo, bus: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
 
 
-def _require_one_name_each(parts: Sequence[Part]) -> None:
+def _check_bus_names(parts: Sequence[Part]) -> None:
     owners: dict[str, str] = {}
     for component, robot in parts:
         for name in (bus_name(component, bus) for bus in robot.file.lines()):
+            if name == "world":
+                raise RobotFileError(
+                    "a component with servos must not be called world, because emulators use PORT.world for the "
+                    "simulated world: rename the component in the URDF"
+                )
             if name in owners:
                 raise RobotFileError(
                     f"two buses are called {name}: rename component {owners[name]} or {component.name}"

@@ -9,7 +9,7 @@ from hal.joint import Joint
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.robot_file.robot import Robot, assemble
-from hal.robot_file.robot_file import load_robot_file
+from hal.robot_file.robot_file import RobotFile, load_robot_file
 from hal.robot_file.robots import all_limits, limits_of, together
 
 FILE = """\
@@ -62,6 +62,18 @@ def test_two_buses_never_get_the_same_name(tmp_path: Path) -> None:
     parts = [part(tmp_path, "hand", "elbow", bus="left"), part(tmp_path, "hand-left", "finger")]
     with pytest.raises(RobotFileError, match="two buses are called hand-left: rename component hand or hand-left"):
         together(parts)
+
+
+def test_no_component_with_servos_is_called_world(tmp_path: Path) -> None:
+    message = "a component with servos must not be called world, .*: rename the component in the URDF"
+    with pytest.raises(RobotFileError, match=message):
+        together([part(tmp_path, "arm", "elbow"), part(tmp_path, "world", "finger")])
+
+
+def test_components_without_joints_have_no_bus(tmp_path: Path) -> None:
+    box = HardwareInfo("box", "system", "p", {}, {}, {}), Robot((), RobotFile(joints={}))
+    assert list(together([part(tmp_path, "arm", "elbow"), box]).file.lines()) == ["arm"]
+    assert together([box, box]).joints == ()
 
 
 def test_on_exit_must_be_the_same_in_all_robot_files(tmp_path: Path) -> None:
