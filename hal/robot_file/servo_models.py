@@ -57,6 +57,17 @@ class RegisterFile(_Strict):
         return size
 
     @model_validator(mode="after")
+    def _sign_fits(self) -> Self:
+        if self.sign_bit is None:
+            return self
+        if self.signed:
+            raise ValueError("signed and sign_bit exclude each other: remove one of them")
+        bits = 8 * self.size
+        if self.sign_bit >= bits:
+            raise ValueError(f"a register of {bits} bits has no sign_bit {self.sign_bit}: write 1 to {bits - 1}")
+        return self
+
+    @model_validator(mode="after")
     def _range_fits(self) -> Self:
         if self.values is None:
             return self
@@ -96,7 +107,7 @@ class ModelFile(_Strict):
     stall_current_a: Amperes | None = Field(None, gt=0)
     no_load_speed_rad_s: Speed | None = Field(None, gt=0)
     current_unit_a: Amperes | None = Field(None, gt=0)
-    sensor_deg: Angle | None = Field(None, gt=0, le=360)
+    sensor_deg: Angle | None = Field(None, ge=1, le=360)
     """Angle covered by the positions of a potentiometer, in degrees."""
     registers: dict[str, RegisterFile] = {}
 

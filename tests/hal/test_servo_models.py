@@ -4,17 +4,21 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from drivers.bus.bus import Bus
 from drivers.servos import ax_mx, sts, x
 from drivers.servos.catalog import MODELS, registers_of, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
+from drivers.servos.register import ByteOrder
 from drivers.servos.voltage import voltage_range
 from drivers.types import ServoGoal, ServoState
 from hal.hal_errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
-from hal.robot_file.servo_models import load_servo_models
+from hal.robot_file.servo_models import RegisterFile, load_servo_models
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
@@ -135,6 +139,18 @@ REGISTER = "a:\n  like: sts3215\n  number: 1545\n  registers:\n    {}\n"
             "the range [0, 256] does not fit into 1 bytes: write values from 0 to 255",
         ),
         (
+            REGISTER.format("extra: {address: 90, size: 1, sign_bit: 15}"),
+            "servo_models.yaml:5: a.registers.extra: a register of 8 bits has no sign_bit 15: write 1 to 7",
+        ),
+        (
+            REGISTER.format("extra: {address: 90, size: 2, sign_bit: 15, signed: true}"),
+            "servo_models.yaml:5: a.registers.extra: signed and sign_bit exclude each other: remove one of them",
+        ),
+        (
+            "a:\n  like: scs15\n  number: 1\n  sensor_deg: 1e-310\n",
+            "servo_models.yaml:4: a.sensor_deg: must be at least 1",
+        ),
+        (
             REGISTER.format("lock: {address: 91, size: 1}"),
             "servo_models.yaml:5: servoloop uses lock of sts3215 at address 55 with 1 bytes: remove it, or add",
         ),
@@ -149,6 +165,26 @@ def test_a_mistake_is_one_sentence_with_file_and_line(tmp_path: Path, text: str,
     found = mistake(tmp_path, text)
     assert says in found
     assert len(found.splitlines()) == 1
+
+
+@given(
+    size=st.sampled_from([1, 2, 4]),
+    sign_bit=st.none() | st.integers(1, 31),
+    signed=st.booleans(),
+    order=st.sampled_from(["little", "big"]),
+)
+def test_every_value_of_an_accepted_register_can_be_written(
+    size: int, sign_bit: int | None, signed: bool, order: ByteOrder
+) -> None:
+    try:
+        described = RegisterFile(address=90, size=size, sign_bit=sign_bit, signed=signed)
+    except ValidationError:
+        assert sign_bit is not None and (signed or sign_bit >= 8 * size)
+        return
+    register = described.register("extra")
+    for value in (register.smallest, -1, 0, 1, register.largest):
+        if register.takes(value):
+            assert register.decode(register.encode(value, order), order) == value
 
 
 def test_a_variant_may_have_the_number_of_its_model(tmp_path: Path) -> None:
