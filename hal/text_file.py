@@ -1,6 +1,7 @@
 """Read text files from users, detecting the encoding and limiting the size."""
 
 import codecs
+import errno
 import json
 import re
 from pathlib import Path
@@ -12,6 +13,27 @@ _DECLARED: Final = re.compile(rb"\A\s*<\?xml[^>]*?\sencoding\s*=\s*[\"']([A-Za-z
 _DECLARATION: Final = re.compile(r"\A(\s*<\?xml[^>]*?\sencoding\s*=\s*[\"'])(?!(?i:utf-8)[\"'])[^\"']*")
 _SAVE_AS_UTF_8: Final = "save the file as UTF-8"
 _DECLARE: Final = ', or declare its encoding in line 1: <?xml version="1.0" encoding="…"?>'
+
+
+def exists(path: Path, error: type[Exception]) -> bool:
+    """Return whether a path exists. A path that is not valid or too long does not exist.
+
+    Args:
+        path: The path.
+        error: Class of the error.
+
+    Raises:
+        error: The path cannot be checked, for example because its folder is not accessible to the user.
+    """
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return False
+    except OSError as reason:
+        if reason.errno == errno.ENAMETOOLONG:
+            return False
+        raise error(f"cannot access {path}: {reason.strerror}") from reason
+    return True
 
 
 def read_text(path: Path, error: type[Exception]) -> str:

@@ -116,6 +116,13 @@ SERVO_MODELS: Final = Path("servo_models.yaml")
 start quickly."""
 
 
+def _has_servo_models() -> bool:
+    try:
+        return SERVO_MODELS.exists()
+    except OSError:  # commands such as `servoloop stop` must also work in a folder without permission
+        return False
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"servoloop {version('servoloop')}")
@@ -129,7 +136,7 @@ def options(
     ] = False,
 ) -> None:
     """Handle the program's own options, and load the servo models in the current folder."""
-    if SERVO_MODELS.exists():
+    if _has_servo_models():
         from hal.robot_file.servo_models import load_servo_models
 
         load_servo_models(SERVO_MODELS.parent)

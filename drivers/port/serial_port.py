@@ -7,6 +7,7 @@ import grp
 import logging
 import os
 import select
+import stat
 import termios
 from pathlib import Path
 
@@ -179,10 +180,8 @@ class SerialPort:
 
 
 def _open(device: str, baud: int) -> serial.Serial:
-    path = Path(device)
-    if not path.exists():
-        raise PortMissing(_missing_text(device))
-    if not _may_be_serial(path):
+    path, found = Path(device), _look_up(device)
+    if not _may_be_serial(found):
         raise PortNotSerial(not_serial_text(device))
     # Only the process table shows programs that do not lock the device, such as those that use the SDKs.
     owners = list(port_owners(path))
@@ -191,9 +190,20 @@ def _open(device: str, baud: int) -> serial.Serial:
     try:
         return serial.Serial(device, baud, timeout=0, write_timeout=None, exclusive=True)
     except serial.SerialException as error:
-        raise _open_error(path, error) from error
+        raise _open_error(path, found.st_gid, error) from error
     except (ValueError, OverflowError, OSError, termios.error) as error:
         raise _baud_error(device, baud, error) from error
+
+
+def _look_up(device: str) -> os.stat_result:
+    try:
+        return Path(device).stat()
+    except PermissionError as error:
+        raise PortDenied(
+            f"no permission to access the folder of {device}: change its permissions, or choose another port"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise PortMissing(_missing_text(device)) from error
 
 
 def _exclude_others(path: Path, fd: int) -> None:
@@ -227,9 +237,9 @@ def _check_rate(device: str, fd: int, baud: int) -> None:
         )
 
 
-def _open_error(path: Path, error: serial.SerialException) -> PortError:
+def _open_error(path: Path, group_id: int, error: serial.SerialException) -> PortError:
     if error.errno == errno.EACCES:
-        return PortDenied(_denied_text(path))
+        return PortDenied(_denied_text(path, group_id))
     if error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
         owners = ", ".join(port_owners(path))
         if not owners and held_by_us(path):
@@ -243,11 +253,11 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
     return PortError(f"cannot open {path}: {error}")
 
 
-def _may_be_serial(path: Path) -> bool:
+def _may_be_serial(found: os.stat_result) -> bool:
     """Return whether a path may be a terminal. The path is not opened."""
-    if not path.is_char_device():
+    if not stat.S_ISCHR(found.st_mode):
         return False
-    number = path.stat().st_rdev
+    number = found.st_rdev
     subsystem = Path(f"/sys/dev/char/{os.major(number)}:{os.minor(number)}/subsystem")  # missing for pseudo-terminals
     return not subsystem.exists() or subsystem.resolve().name == "tty"
 
@@ -266,8 +276,7 @@ def _ports_found() -> str:
     return ", ".join(found) or "none"
 
 
-def _denied_text(path: Path) -> str:
-    group_id = path.stat().st_gid
+def _denied_text(path: Path, group_id: int) -> str:
     try:
         group = grp.getgrgid(group_id).gr_name
     except KeyError:

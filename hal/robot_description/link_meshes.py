@@ -14,6 +14,7 @@ from hal.hal_errors import ArmFileError
 from hal.plausible import NoTruth, Position
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, from_rpy
+from hal.text_file import exists
 from hal.types import FloatArray
 from hal.yaml_file import load
 
@@ -64,7 +65,7 @@ class LinkMesh:
 def link_meshes(folder: Path) -> list[LinkMesh]:
     """Read the meshes of the arm in a folder. Raise one ArmFileError that lists all errors. The list may be empty."""
     path = folder / PLACES
-    if not path.is_file():
+    if not exists(path, ArmFileError):
         return []
     links = load(path, MeshPlaces, ArmFileError).links
     return [

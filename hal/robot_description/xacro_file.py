@@ -7,6 +7,7 @@ from typing import Final
 from xml.parsers.expat import ExpatError
 
 from hal.hal_errors import DescriptionError
+from hal.text_file import exists
 
 SUFFIX: Final = ".xacro"
 """Suffix of xacro files."""
@@ -34,7 +35,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     """
     import xacro
 
-    if not path.is_file():
+    if not (exists(path, DescriptionError) and path.is_file()):
         raise DescriptionError(f"cannot read the URDF {path}: it is not a file")
     xacro.all_includes.clear()
     try:

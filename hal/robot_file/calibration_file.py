@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from hal.hal_errors import RobotFileError
 from hal.plausible import Counts, NoTruth, ServoId
+from hal.text_file import exists
 from hal.yaml_file import load
 
 
@@ -49,4 +50,4 @@ def load_calibration(robot: Path) -> CalibrationFile | None:
     Raises one RobotFileError that lists all errors.
     """
     path = calibration_path(robot)
-    return load(path, CalibrationFile, RobotFileError) if path.exists() else None
+    return load(path, CalibrationFile, RobotFileError) if exists(path, RobotFileError) else None

@@ -19,6 +19,7 @@ from drivers.servos.series import Series
 from drivers.servos.voltage import voltage_range
 from hal.hal_errors import RobotFileError
 from hal.plausible import Amperes, NoTruth, RegisterValue, Speed, Torque, Volts
+from hal.text_file import exists
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
 
@@ -136,7 +137,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
         RobotFileError: The file contains errors. The message lists all of them with file and line.
     """
     path = folder / FILE_NAME
-    if not path.exists():
+    if not exists(path, RobotFileError):
         return ()
     content, source = load_with_lines(path, ModelsFile, RobotFileError)
     models: list[ServoModel] = []

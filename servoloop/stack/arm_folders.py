@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.calibrate.plan import ArmPlan
 from hal.hal_errors import ArmFileError
+from hal.text_file import exists
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.stack.robot_files import NO_ARGUMENTS, Files, ServoFiles, read_servo_files, with_controllers
@@ -91,7 +92,7 @@ def find_arm(name: str = OWN) -> ArmFolder:
     """Return the arm with this name, or the arm in the folder at this path. Raises ArmFileError."""
     # A name that contains a slash, such as ./so101, is the path of a user's own folder.
     for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):
-        if (folder / ARM_FILE).is_file():
+        if exists(folder / ARM_FILE, ArmFileError):
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))
     raise ArmFileError(f"there is no arm {name}: choose one of {known}, or specify a folder with {ARM_FILE}")

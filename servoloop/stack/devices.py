@@ -1,6 +1,7 @@
 """Select the device paths of the buses from the command line or from an emulator."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.driver_errors import DriverError
@@ -63,6 +64,7 @@ def world_feed(devices: Mapping[str, str]) -> Path | None:
     for name, device in devices.items():
         link = Path(device)
         base = link.with_name(link.name.removesuffix(f".{name}")) if name else link
-        if feed_path(base).is_socket():
-            return feed_path(base)
+        with suppress(OSError):  # opening the device reports a path that cannot be accessed
+            if feed_path(base).is_socket():
+                return feed_path(base)
     return None

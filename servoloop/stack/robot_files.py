@@ -15,7 +15,7 @@ from hal.robot_description.xacro_file import SUFFIX, expand_xacro
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
-from hal.text_file import read_xml
+from hal.text_file import exists, read_xml
 from hal.types import JointLimits
 from hal.yaml_nodes import YamlFile, compose
 from servoloop.stack.shipped_files import ARMS, CONFIG, CONTROLLERS, OWN, SCENE, URDF
@@ -196,7 +196,7 @@ def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> di
 def _found(name: str, urdf: Path) -> Path:
     """Return the path of a robot file. The folder of the URDF is searched first, then the ``config`` folder."""
     beside = urdf.parent / name
-    return beside if beside.exists() else CONFIG / name
+    return beside if exists(beside, RobotFileError) else CONFIG / name
 
 
 def _robot(path: Path, description: Description, component: HardwareInfo) -> Robot:

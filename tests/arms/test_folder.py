@@ -80,12 +80,13 @@ def test_a_private_arm_needs_neither_source_nor_license(tmp_path: Path) -> None:
     assert (find_arm(str(tmp_path)).file.source, find_arm(str(tmp_path)).file.license) == ("", "")
 
 
-def test_error_for_unknown_arm_lists_the_known_arms() -> None:
+@pytest.mark.parametrize("name", ["so102", "n" * 256, f"./{'n' * 256}"])
+def test_error_for_unknown_arm_lists_the_known_arms(name: str) -> None:
     with pytest.raises(
         ArmFileError,
-        match=r"no arm so102: choose one of bimanual_so101, koch, .*, so101_leader, or specify a folder",
+        match=rf"no arm {name}: choose one of bimanual_so101, koch, .*, so101_leader, or specify a folder",
     ):
-        find_arm("so102")
+        find_arm(name)
 
 
 @pytest.mark.parametrize("verb", ["up", "emulate", "demo"])

@@ -103,6 +103,11 @@ def test_a_missing_device_on_a_machine_without_ports(monkeypatch: pytest.MonkeyP
         SerialPort(str(tmp_path / "ttyACM0"))
 
 
+def test_a_device_whose_name_is_too_long_is_missing() -> None:
+    with pytest.raises(PortMissing, match="does not exist"):
+        SerialPort(f"/dev/{'n' * 256}")
+
+
 def test_a_dangling_link_is_a_missing_device(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     link.symlink_to(tmp_path / "gone")
@@ -270,6 +275,19 @@ def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.Monke
     assert str(caught.value) == (
         f"no permission to open {terminal.device}: it belongs to the group 'dialout'. "
         "Run 'sudo usermod -aG dialout $USER', then log out and in again"
+    )
+
+
+def test_a_device_in_a_folder_without_permission_is_denied(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def refuse_access(path: Path) -> os.stat_result:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "stat", refuse_access)
+    device = tmp_path / "ttyACM0"
+    with pytest.raises(PortDenied) as caught:
+        SerialPort(str(device))
+    assert str(caught.value) == (
+        f"no permission to access the folder of {device}: change its permissions, or choose another port"
     )
 
 

@@ -215,10 +215,16 @@ def test_unusable_yaml_is_reported(tmp_path: Path, text: str, message: str) -> N
         load_robot_file(written(tmp_path, text))
 
 
-@pytest.mark.parametrize("name", ["absent.yaml", "."])
+@pytest.mark.parametrize("name", ["absent.yaml", ".", "n" * 256, "n" * 256 + "/robot.yaml"])
 def test_unreadable_files_are_reported_with_the_reason(tmp_path: Path, name: str) -> None:
-    with pytest.raises(RobotFileError, match=r"cannot read .*: (No such file|Is a directory)"):
+    with pytest.raises(RobotFileError, match=r"cannot read .*: (No such file|Is a directory|File name too long)"):
         load_robot_file(tmp_path / name)
+
+
+def test_a_name_that_is_too_long_for_a_calibration_is_accepted(tmp_path: Path) -> None:
+    path = tmp_path / f"{'n' * 250}.yaml"
+    path.write_text(GOOD)
+    assert load_robot_file(path).joints
 
 
 def test_binary_files_are_reported(tmp_path: Path) -> None:

@@ -1,7 +1,11 @@
 """Tests of the encodings and size limits of user files."""
 
 import codecs
+import errno
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -10,10 +14,12 @@ from commissioning.lerobot import read_lerobot
 from controller.manager.parameter_file import read_parameter_file
 from controller.manager_errors import ControllersFileError
 from hal.file_size import LARGEST_BYTES
-from hal.hal_errors import DescriptionError, RobotFileError
+from hal.hal_errors import DescriptionError, HalError, RobotFileError
 from hal.robot_description.description import parse_urdf
+from hal.robot_description.link_meshes import link_meshes
+from hal.robot_description.xacro_file import expand_xacro
 from hal.robot_file.robot_file import load_robot_file
-from hal.text_file import read_text, read_xml
+from hal.text_file import exists, read_text, read_xml
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import read_description
 from servoloop.stack.shipped_files import URDF
@@ -102,6 +108,35 @@ def test_yaml_and_json_in_latin_1_are_refused_with_the_line(tmp_path: Path) -> N
 def test_an_endless_file_is_refused() -> None:
     with pytest.raises(RobotFileError, match=rf"/dev/zero is larger than {LARGEST_BYTES / 1e6:g} MB: shorten it"):
         read_text(Path("/dev/zero"), RobotFileError)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("file", True), (".", True), ("absent", False), ("file/under", False), ("n" * 256, False), ("\0", False)],
+)
+def test_whether_a_file_exists(tmp_path: Path, name: str, found: bool) -> None:
+    (tmp_path / "file").touch()
+    assert exists(tmp_path / name, RobotFileError) is found
+
+
+def refuse_access(path: Path) -> NoReturn:
+    raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+
+@pytest.mark.parametrize("read", [load_robot_file, link_meshes, lambda path: expand_xacro(path, {})])
+def test_a_folder_without_permission_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: Callable[[Path], object]
+) -> None:
+    monkeypatch.setattr(Path, "stat", refuse_access)
+    with pytest.raises(HalError, match=f"^cannot access {tmp_path}/.*: Permission denied$"):
+        read(tmp_path / "arm")
+
+
+def test_a_link_to_itself_is_reported(tmp_path: Path) -> None:
+    link = tmp_path / "servo_models.yaml"
+    link.symlink_to(link)
+    with pytest.raises(RobotFileError, match=f"^cannot access {link}: Too many levels of symbolic links$"):
+        load_robot_file(tmp_path / "robot.yaml")
 
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(

@@ -84,8 +84,21 @@ def test_a_missing_file_is_named(capsys: pytest.CaptureFixture[str], monkeypatch
     assert "cannot read the URDF nowhere.urdf" in complaint(capsys, monkeypatch, "up", "--urdf", "nowhere.urdf")
 
 
-def test_a_missing_port_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "/dev/ttyACM77 does not exist" in complaint(capsys, monkeypatch, "up", "--port", "/dev/ttyACM77")
+@pytest.mark.parametrize("name", ["ttyACM77", "n" * 250, "n" * 256])
+def test_a_missing_port_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    assert f"/dev/{name} does not exist" in complaint(capsys, monkeypatch, "up", "--port", f"/dev/{name}")
+
+
+def test_commands_run_in_a_folder_without_permission(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse_access(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "exists", refuse_access)
+    assert "there is no arm so102" in complaint(capsys, monkeypatch, "arms", "show", "so102")
 
 
 def test_each_of_several_buses_needs_a_port(
