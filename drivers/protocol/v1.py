@@ -30,7 +30,7 @@ SYNC_WRITE = 0x83
 BULK_READ = 0x92
 
 _LARGEST_ID = 0xFD
-_LARGEST_BODY = 0xFF - 4  # maximum size of the entries in a sync write, whose length field is one byte
+LARGEST_BODY = 0xFF - 4  # maximum size of the entries in a sync write, whose length field is one byte
 _HEAD = Struct(">HBBB").pack
 _CHECKSUMS = tuple(bytes((~(adler - 1 - sum(HEADER)) & 0xFF,)) for adler in range(256))
 """Checksum for each low byte of Adler-32 over the packet. The low half of Adler-32 is 1 plus the sum of up to 256 bytes
@@ -66,8 +66,8 @@ def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
 def sync_write(address: int, size: int, entries: bytes) -> bytes:
     """Encode a sync write of ``size`` bytes at ``address``. Each entry consists of an ID and the bytes to write. Servos
     do not reply."""
-    if len(entries) > _LARGEST_BODY:
-        most, count = _LARGEST_BODY // (size + 1), len(entries) // (size + 1)
+    if len(entries) > LARGEST_BODY:
+        most, count = LARGEST_BODY // (size + 1), len(entries) // (size + 1)
         raise ValueError(
             f"{count} goals do not fit into a packet, which holds at most {most}: connect some servos to another port"
         )

@@ -1,8 +1,10 @@
 """Catalog of all supported servo models and their series."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, Literal
 
+from drivers.protocol import v1
 from drivers.servos import dynamixel, dynamixel1, feetech
 from drivers.servos.register import Register, ServoModel, merged
 from drivers.servos.series import Series, WireProtocol
@@ -101,6 +103,17 @@ def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
         described = "; ".join(f"{protocol.name}: {', '.join(servos)}" for protocol, servos in spoken.items())
         raise ValueError(f"servos with different protocols cannot share a bus: {described}")
     return next(iter(spoken), feetech.STS_PROTOCOL)
+
+
+def too_many(models: Iterable[ServoModel]) -> Iterator[str]:
+    """Yield a message for each series whose goals do not fit into one packet, worded to follow the name of a bus."""
+    for series, count in Counter(map(series_of, models)).items():
+        most = v1.LARGEST_BODY // (series.goal_size + 1)
+        if series.protocol.packets is v1 and count > most:
+            yield (
+                f"has {count} servos of the series {series.name}, but a packet holds at most {most} goals: connect "
+                "some of these servos to another bus"
+            )
 
 
 def known_as(number: int, series: Series) -> str:

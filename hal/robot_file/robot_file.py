@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from drivers.servos.catalog import MODELS, Make, series_of
+from drivers.servos.catalog import MODELS, Make, series_of, too_many
 from drivers.servos.dynamixel import PROTOCOL_2, X
+from drivers.servos.register import ServoModel
 from hal.hal_errors import RobotFileError
 from hal.plausible import (
     Acceleration,
@@ -155,7 +156,7 @@ class RobotFile(_Strict):
         # A joint without a specified bus belongs to the only bus.
         home = next(iter(buses)) if len(buses) == 1 else None
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
-        problems = _shared_ids(placed) + _mixed_protocols(placed)
+        problems = _shared_ids(placed) + _mixed_protocols(placed) + _crowded_buses(placed)
         if "bus" in info.data and "buses" in info.data:  # an invalid key is missing from info.data
             problems += _bus_problems(joints, info.data["bus"], info.data["buses"])
         if problems:
@@ -246,6 +247,14 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
         for first in protocols.values()
         if len(first) > 1
     ]
+
+
+def _crowded_buses(joints: Mapping[str, JointFile]) -> list[str]:
+    """List buses with more servos than one packet has goals."""
+    models: dict[str | None, list[ServoModel]] = {}
+    for joint in joints.values():
+        models.setdefault(joint.bus, []).append(MODELS[joint.model])
+    return [f"{f'bus {bus}' if bus else 'the bus'} {text}" for bus, on in models.items() for text in too_many(on)]
 
 
 def load_robot_file(path: Path) -> RobotFile:

@@ -487,6 +487,34 @@ def test_servos_with_different_protocols_cannot_share_a_bus(
     assert "elbow and finger cannot share a bus" in complaint
 
 
+def crowd(count: int, model: str, bus: str = "") -> str:
+    """Return the joints of a file in which one bus has many servos of one model."""
+    place = f"bus: {bus}, " if bus else ""
+    values = "acceleration: 1.0, jerk: 10.0"
+    return "".join(f"  {model}-{i}: {{{place}servo_id: {i}, model: {model}, {values}}}\n" for i in range(count))
+
+
+@pytest.mark.parametrize(("model", "most"), [("sts3215", 31), ("scs15", 35), ("ax-12a", 50), ("xl430-w250", 253)])
+def test_a_bus_has_no_more_servos_than_fit_into_one_goal_packet(tmp_path: Path, model: str, most: int) -> None:
+    protocol = "feetech" if model.startswith("s") else "dynamixel"
+    begin = f"bus: {{protocol: {protocol}}}\njoints:\n"
+    assert len(load_robot_file(written(tmp_path, begin + crowd(most, model))).joints) == most
+    if most < 253:
+        message = (
+            f"robot.yaml:2: joints: the bus has {most + 1} servos of the series .*, but a packet holds at most {most} "
+            "goals: connect some of these servos to another bus$"
+        )
+        with pytest.raises(RobotFileError, match=message):
+            load_robot_file(written(tmp_path, begin + crowd(most + 1, model)))
+
+
+def test_each_bus_has_its_own_packet(tmp_path: Path) -> None:
+    begin = "buses: {a: {}, b: {}}\njoints:\n"
+    load_robot_file(written(tmp_path, begin + crowd(31, "sts3215", "a") + crowd(31, "sts3250", "b")))
+    with pytest.raises(RobotFileError, match="joints: bus b has 32 servos of the series sts,"):
+        load_robot_file(written(tmp_path, begin + crowd(31, "sts3215", "a") + crowd(32, "sts3250", "b")))
+
+
 def test_numbers_as_names_must_be_in_quotes(tmp_path: Path) -> None:
     found = complaints(tmp_path, GOOD.replace("  finger:", "  1:"))
     assert any("1 is read as a number: put the text in quotes ('1')" in complaint for complaint in found)
