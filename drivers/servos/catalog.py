@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Final, Literal
 
 from drivers.protocol import v1
@@ -34,20 +35,23 @@ Source: ``dynamixel.model`` of ROBOTIS' SDK (dynamixel_easy_sdk 4.1).
 
 _ADDED: Final[dict[str, ServoModel]] = {}
 """Models that the user added, keyed by name."""
+_FILES: Final[dict[str, Path]] = {}
+"""File that defines each added model, keyed by the name of the model."""
 
 
-def add(model: ServoModel, like: ServoModel) -> None:
+def add(model: ServoModel, like: ServoModel, file: Path) -> None:
     """Add a user's model to the series of another model.
 
-    A model that was added earlier with the same name is replaced, so that a file can be read again.
+    A model that the same file has added earlier with the same name is replaced, so that a file can be read again.
 
     Args:
         model: The new model.
         like: A supported model with the same control table and protocol.
+        file: Absolute path of the file that defines the model.
 
     Raises:
-        ValueError: A built-in model already has this name, or another model of the manufacturer already has this
-            number.
+        ValueError: A built-in model already has this name, another file defines a different model with this name, or
+            another model of the manufacturer already has this number.
     """
     series = series_of(like)
     if model.name in MODELS and model.name not in _ADDED:
@@ -59,7 +63,10 @@ def add(model: ServoModel, like: ServoModel) -> None:
             "this model, or correct the number"
         )
     if known := _ADDED.get(model.name):
+        if known != model and _FILES[model.name] != file:  # joints of another arm use the known model
+            raise ValueError(f"{_FILES[model.name]} defines another model {model.name}: rename one of the two models")
         series_of(known).by_name.pop(model.name)
+    _FILES.setdefault(model.name, file)
     series.by_name[model.name] = MODELS[model.name] = _ADDED[model.name] = model
 
 

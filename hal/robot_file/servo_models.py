@@ -147,7 +147,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
         if not found:
             model, like = _model(name, described), catalog.MODELS[described.like]
             try:
-                catalog.add(model, like)
+                catalog.add(model, like, path.resolve())
             except ValueError as error:
                 found.append(f"{source.place((name, 'number'))}: {error}")
             models.append(model)

@@ -68,6 +68,36 @@ def test_the_file_may_be_read_again_and_corrected(tmp_path: Path) -> None:
     assert [model.name for model in STS.models].count("sts3046") == 1
 
 
+def folders(folder: Path, *texts: str) -> list[Path]:
+    """Create one folder for each file of servo models."""
+    made = [folder / str(number) for number in range(len(texts))]
+    for own, text in zip(made, texts, strict=True):
+        own.mkdir()
+        (own / "servo_models.yaml").write_text(text)
+    return made
+
+
+def test_two_files_must_not_define_one_model_differently(tmp_path: Path) -> None:
+    leader, follower = folders(tmp_path, GOOD, GOOD.replace("sensor_deg: 200.0", "sensor_deg: 300.0"))
+    load_servo_models(leader)
+    with pytest.raises(RobotFileError) as caught:
+        load_servo_models(follower)
+    assert str(caught.value) == (
+        f"{follower}/servo_models.yaml:17: {leader}/servo_models.yaml defines another model scs20: "
+        "rename one of the two models"
+    )
+    assert series_of(MODELS["scs20"]) and MODELS["scs20"].counts_per_turn == 1843
+
+
+def test_two_files_may_define_one_model_equally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = folders(tmp_path, GOOD, GOOD)
+    load_servo_models(first)
+    load_servo_models(second)
+    monkeypatch.chdir(first)
+    loaded(Path(), GOOD.replace("sensor_deg: 200.0", "sensor_deg: 300.0"))  # the file was corrected
+    assert MODELS["scs20"].counts_per_turn == 1229
+
+
 @pytest.mark.parametrize("name", ["sts3046", "my-xm540"])
 def test_a_servo_of_the_model_is_identified_and_moved(tmp_path: Path, name: str) -> None:
     loaded(tmp_path, GOOD)

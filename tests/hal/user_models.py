@@ -34,4 +34,5 @@ def forgotten() -> Iterator[None]:
         yield
     finally:
         for name, model in list(catalog._ADDED.items()):
-            del catalog.series_of(model).by_name[name], catalog.MODELS[name], catalog._ADDED[name]
+            del catalog.series_of(model).by_name[name], catalog.MODELS[name]
+            del catalog._ADDED[name], catalog._FILES[name]
