@@ -30,7 +30,8 @@ def configure_all(components: ComponentSet, leave_out: Collection[str] = (), kee
             if component.name not in leave_out:
                 _try(component, component.hardware.configure, keep_alive)
     except BaseException:
-        clean_up_all(components)
+        for component, error in _clean_up(components):
+            LOG.error("%s could not be cleaned up: %s", component.name, error)
         raise
 
 
@@ -54,9 +55,8 @@ def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), 
                 _try(component, component.hardware.activate, keep_alive)
                 done.append(component)
     except BaseException:
-        for component in (one for one in done if one.hardware.state is LifecycleState.ACTIVE):
-            for problem in undo_activation(component.hardware):
-                LOG.error("torque may still be on: %s", problem)
+        for problem in _switch_off(components, undo_activation, done):
+            LOG.error("torque may still be on: %s", problem)
         raise
 
 
@@ -67,17 +67,20 @@ def deactivate_all(components: ComponentSet, relax: bool) -> Sequence[str]:
         components: The set.
         relax: Whether to disable the torque. If False, the joints hold their positions.
     """
-    return _switch_off(components, lambda hardware: hardware.deactivate(relax))
+    return _switch_off(components, lambda hardware: hardware.deactivate(relax), components.components)
 
 
 def undo_all(components: ComponentSet) -> Sequence[str]:
     """Undo the activation of all active components, even if some of them fail. Return the errors."""
-    return _switch_off(components, undo_activation)
+    return _switch_off(components, undo_activation, components.components)
 
 
-def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[str]]) -> Sequence[str]:
+def _switch_off(
+    components: ComponentSet, step: Callable[[Hardware], Sequence[str]], chosen: Sequence[Component]
+) -> Sequence[str]:
+    """Apply ``step`` to the active components in ``chosen``, even if some of them fail. Return the errors."""
     problems: list[str] = []
-    for component in components.components:
+    for component in chosen:
         if component.hardware.state is LifecycleState.ACTIVE:
             try:
                 problems += step(component.hardware)
@@ -89,14 +92,20 @@ def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[st
 
 def clean_up_all(components: ComponentSet) -> None:
     """Clean up all components, even if some of them fail, and finally raise the first error."""
-    errors: list[Exception] = []
+    errors = _clean_up(components)
+    if errors:
+        raise errors[0][1]
+
+
+def _clean_up(components: ComponentSet) -> list[tuple[Component, Exception]]:
+    """Clean up all components, even if some of them fail. Return the errors with their components."""
+    errors: list[tuple[Component, Exception]] = []
     for component in components.components:
         try:
             component.hardware.cleanup()
         except Exception as error:  # the other components still have their ports open
-            errors.append(error)
-    if errors:
-        raise errors[0]
+            errors.append((component, error))
+    return errors
 
 
 def _try(component: Component, step: Callable[[], None], keep_alive: bool) -> None:

@@ -75,6 +75,30 @@ def test_a_failed_activation_is_undone_for_the_other_components() -> None:
     assert [one.relaxed for one in made] == [[True], [True], []]
 
 
+def test_an_error_in_a_cleanup_does_not_hide_why_the_configuration_failed(caplog: pytest.LogCaptureFixture) -> None:
+    components, made = three()
+    made[0].failing["cleanup"] = PortMissing("the port is gone")
+    made[1].failing["configure"] = PortMissing("plug it in")
+    with pytest.raises(PortMissing, match="plug it in"):
+        configure_all(components)
+    assert states(components) == [UNCONFIGURED] * 3
+    assert caplog.messages == ["first could not be cleaned up: the port is gone"]
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_an_error_while_an_activation_is_undone_does_not_hide_why_it_failed(
+    lost: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    components, made = three()
+    configure_all(components)
+    made[lost].failing["deactivate"] = PortMissing("the port is gone")
+    made[2].failing["activate"] = ActivationError("move it by hand")
+    with pytest.raises(ActivationError, match="move it by hand"):
+        activate_all(components)
+    assert states(components) == [ACTIVE if place == lost else INACTIVE for place in range(3)]
+    assert f"torque may still be on: could not switch {NAMES[lost]} off: the port is gone" in caplog.messages
+
+
 def test_excluded_components_stay_as_they_are() -> None:
     components, _ = three()
     configure_all(components, ["first"])
