@@ -20,7 +20,7 @@ from servoloop.stack import hardware
 from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.emulator_process import chosen_devices
-from servoloop.stack.loop_thread import LEFT, LoopThread
+from servoloop.stack.loop_thread import LEFT, POLL_S, LoopThread
 from servoloop.stack.processes import PRIORITY, prompt_interpreter, realtime_priority
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
@@ -41,16 +41,17 @@ class ThreadLoop(OwnLoop):
         """
         super().__init__(files)
         self._signals = Signals()
-        self._thread: threading.Thread | None = None
+        self._started = False
+        """Whether the loop thread may use the ports. Only this thread may then shut the arm down."""
         recording = StackRecording(record)
         try:
             with setup_errors():
                 self._start(ports, recording)
         except BaseException:
-            if self._thread is None:
-                self._exit.close()
-            else:
+            if self._started:
                 self.close()
+            else:
+                self._exit.close()
             raise
 
     def _start(self, ports: Sequence[str], recording: StackRecording) -> None:
@@ -69,7 +70,8 @@ class ThreadLoop(OwnLoop):
         self._exit.enter_context(exit_on_signals())
         # Only the loop thread gets this priority, because the program may compute for a long time.
         with realtime_priority(PRIORITY):
-            self._thread = run.start()
+            self._started = True  # This line comes first, because Ctrl-C may interrupt the start.
+            run.start()
         self.backend.state()
 
     def ended(self) -> ArmEndedError | None:
@@ -78,29 +80,30 @@ class ThreadLoop(OwnLoop):
         return super().ended()
 
     def close(self) -> None:
-        if self._closed or self._thread is None:
+        if self._closed or not self._started:
             return
         self._closed = True
         self.ended()
         self.backend.close()
         self._signals.ask()
-        while not self._joined(self._thread):
+        while not self._shut_down():
             pass
         self._why_ended = self._why_ended or CLOSED
         self._exit.close()
-        if self._thread.is_alive():
+        if not self._run.done:
             raise ArmError(f"the control loop is blocked by its hardware and could not be stopped: {LEFT}")
         if self._run.failed:
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 
-    def _joined(self, thread: threading.Thread) -> bool:
+    def _shut_down(self) -> bool:
         """Wait briefly for the shutdown, and return whether it has finished or is stuck.
 
-        Ctrl-C skips the park pose, like a second Ctrl-C in ``servoloop up``.
+        Ctrl-C skips the park pose, like a second Ctrl-C in ``servoloop up``. The wait does not use ``Thread.join``: if
+        Ctrl-C interrupts it, Python 3.11 and 3.12 report a running thread as ended.
         """
         try:
-            thread.join(0.1)
-            return not thread.is_alive() or self._run.hangs()
+            time.sleep(POLL_S)
+            return self._run.done or self._run.hangs()
         except (KeyboardInterrupt, SystemExit):
             self._signals.count = 2
             return False

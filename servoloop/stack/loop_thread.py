@@ -22,7 +22,7 @@ The longest step of a shutdown is waiting for a hardware or controller change, w
 """
 LEFT: Final = "servos with torque enabled hold their last goal"
 POLL_S: Final = 0.02
-"""Period at which ``run_beside`` calls its function, in seconds."""
+"""Period at which a waiting thread checks whether the loop thread has ended, in seconds."""
 
 
 @dataclass(slots=True)
