@@ -82,31 +82,31 @@ class ThreadLoop(OwnLoop):
     def close(self) -> None:
         if self._closed or not self._started:
             return
-        self._closed = True
+        self._signals.ask()  # This call comes first, because a signal may interrupt each of the other calls.
         self.ended()
-        self.backend.close()
-        self._signals.ask()
-        while not self._shut_down():
-            pass
+        self._wait_for_shutdown()
         self._why_ended = self._why_ended or CLOSED
         self._exit.close()
+        self._closed = True
         if not self._run.done:
             raise ArmError(f"the control loop is blocked by its hardware and could not be stopped: {LEFT}")
         if self._run.failed:
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 
-    def _shut_down(self) -> bool:
-        """Wait briefly for the shutdown, and return whether it has finished or is stuck.
+    def _wait_for_shutdown(self) -> None:
+        """Wait until the shutdown has finished or is stuck.
 
         Ctrl-C skips the park pose, like a second Ctrl-C in ``servoloop up``. The wait does not use ``Thread.join``: if
         Ctrl-C interrupts it, Python 3.11 and 3.12 report a running thread as ended.
         """
-        try:
-            time.sleep(POLL_S)
-            return self._run.done or self._run.hangs()
-        except (KeyboardInterrupt, SystemExit):
-            self._signals.count = 2
-            return False
+        while True:
+            try:
+                self.backend.close()
+                while not (self._run.done or self._run.hangs()):
+                    time.sleep(POLL_S)
+                return
+            except (KeyboardInterrupt, SystemExit):
+                self._signals.count = 2
 
 
 @contextmanager

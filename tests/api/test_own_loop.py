@@ -9,13 +9,16 @@ import pytest
 
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
-from servoloop import Arm
+from servoloop import Arm, ArmEndedError
 from servoloop.api.own_loop import OwnLoop
+from servoloop.api.pace import ThreadPace
+from servoloop.api.thread_loop import ThreadLoop
 from servoloop.stack import hardware
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.loop_thread import LoopThread
+from tests.api.contract import PAN
 
 Hurry = Callable[[], bool]
 
@@ -45,6 +48,18 @@ def arm(mocks: list[MockHardware]) -> Iterator[Arm]:
     arm = Arm("so101")
     yield arm
     arm.close()
+
+
+def interrupted_once(call: Callable[..., object]) -> Callable[..., object]:
+    """Return a function that SIGTERM interrupts at its first call."""
+    interrupts = [SystemExit(143)]
+
+    def interrupted(*arguments: object) -> object:
+        if interrupts:
+            raise interrupts.pop()
+        return call(*arguments)
+
+    return interrupted
 
 
 def ended(mocks: list[MockHardware]) -> bool:
@@ -96,3 +111,24 @@ def test_ctrl_c_while_the_loop_starts_shuts_the_arm_down(
     with pytest.raises(KeyboardInterrupt):
         Arm("so101")
     assert ends == [LifecycleState.ACTIVE] and ended(mocks)
+
+
+def test_sigterm_at_the_start_of_the_shutdown_does_not_leave_the_arm_moving(
+    arm: Arm, mocks: list[MockHardware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ThreadPace, "close", interrupted_once(ThreadPace.close))
+    motion = arm.move_to({PAN: 1.0}, duration=30.0, wait=False)
+    arm.close()
+    assert motion.done and ended(mocks)
+    with pytest.raises(ArmEndedError, match="has been shut down"):
+        arm.move_to({PAN: 0.0})
+
+
+def test_a_shutdown_that_was_interrupted_goes_on_at_the_next_call(
+    arm: Arm, mocks: list[MockHardware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ThreadLoop, "ended", interrupted_once(ThreadLoop.ended))
+    with pytest.raises(SystemExit):
+        arm.close()
+    arm.close()
+    assert ended(mocks)
