@@ -29,7 +29,7 @@ from servoloop.api.pace import POLL_S, Ended, LoopPace
 from servoloop.api.stream_gate import StreamGate
 from servoloop.api.targets import approach_s
 from servoloop.api.torque import TorqueSwitch
-from servoloop.api.trajectory_part import start_trajectory
+from servoloop.api.trajectory_part import check_trajectory
 from servoloop.api.user_controllers import active_controller, load_controller
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.recorder import CLOSE_S
@@ -102,7 +102,8 @@ class StackBackend:
         with self._lock:
             self._require_free(goal.joints)
             movers = self._movers(goal.joints)
-            parts = tuple(self._start(controller, goal) for controller in movers)
+            starts = [self._check(controller, goal) for controller in movers]
+            parts = tuple(start() for start in starts)  # All controllers have accepted the goal.
             if any(controller.kind.endswith(TRAJECTORY) for controller in movers):
                 for part in parts:
                     part.begin_after_arm()
@@ -245,11 +246,19 @@ class StackBackend:
         self._freedrive.update(state.faults, state.stamp_s)
         self._pace.cycle_done()
 
-    def _start(self, controller: Controller, goal: MotionGoal) -> MotionPart:
-        """Start the part of a goal that a controller executes."""
-        loop = self.stack.loop
+    def _check(self, controller: Controller, goal: MotionGoal) -> Callable[[], MotionPart]:
+        """Check the part of a goal that a controller executes, and return a function that starts it.
+
+        Raises ArmInputError.
+        """
         if controller.kind.endswith(TRAJECTORY):
-            return start_trajectory(cast(JointTrajectoryController, controller), goal)
+            return check_trajectory(cast(JointTrajectoryController, controller), goal)
+        part = self._hand_part(controller, goal)
+        return lambda: part  # The parts of hand controllers start in the next cycle.
+
+    def _hand_part(self, controller: Controller, goal: MotionGoal) -> MotionPart:
+        """Return the part of a goal that a hand controller executes. Raises ArmInputError."""
+        loop = self.stack.loop
         held = np.array([loop.within_limits[self._command_of(joint)] for joint in joints_of_mover(controller)])
         if controller.kind.endswith(GRIPPER):
             return start_gripper(cast(GripperActionController, controller), goal, held)

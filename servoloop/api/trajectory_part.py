@@ -1,6 +1,6 @@
 """Part of a motion that one joint trajectory controller executes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,12 +51,15 @@ class TrajectoryPart:
             self.controller.cancel(self.handle)
 
 
-def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal) -> TrajectoryPart:
-    """Send a goal to a joint trajectory controller. Joints that are not in the goal stay at rest or stop.
+def check_trajectory(controller: JointTrajectoryController, goal: MotionGoal) -> Callable[[], TrajectoryPart]:
+    """Check a goal for a joint trajectory controller. Joints that are not in the goal stay at rest or stop.
 
     Args:
         controller: The controller, which drives at least one joint of the goal.
-        goal: A checked goal.
+        goal: A goal for the whole arm, whose values have been checked.
+
+    Returns:
+        Function that sends the goal to the controller.
 
     Raises:
         ArmInputError: The controller rejects the goal.
@@ -80,4 +83,4 @@ def start_trajectory(controller: JointTrajectoryController, goal: MotionGoal) ->
     sent = TrajectoryGoal(joints, points)
     if reason := controller.check(sent):
         raise ArmInputError(f"the arm rejected the motion: {reason}", joint_in(reason, joints))
-    return TrajectoryPart(controller, controller.submit(sent))
+    return lambda: TrajectoryPart(controller, controller.submit(sent))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import servoloop
+from controller.gripper.gripper_action_controller import GripperActionController
 from servoloop import (
     Arm,
     ArmBusyError,
@@ -286,12 +287,17 @@ def test_a_saved_pose_of_an_arm_folder_is_a_target(tmp_path: Path) -> None:
             arm.move_to("far")
 
 
-def test_another_controllers_file_and_a_gripper_with_goals_are_used(tmp_path: Path) -> None:
+def gripper_with_goals(folder: Path) -> Path:
+    """Write a controllers file of the SO-101 whose gripper has an action controller, and return its path."""
     text = (ARMS / "so101" / "controllers.yaml").read_text()
     text = text.replace("forward_command_controller/ForwardCommandController", GRIPPER_TYPE)
     text = text.replace("joints: [gripper]\n    interface_name: position", "joint: gripper\n    allow_stalling: true")
-    (tmp_path / "controllers.yaml").write_text(text)
-    with Arm.simulated("so101", controllers=tmp_path / "controllers.yaml") as arm:
+    (folder / "controllers.yaml").write_text(text)
+    return folder / "controllers.yaml"
+
+
+def test_another_controllers_file_and_a_gripper_with_goals_are_used(tmp_path: Path) -> None:
+    with Arm.simulated("so101", controllers=gripper_with_goals(tmp_path)) as arm:
         arm.gripper.open()
         arm.gripper.move(0.2, duration=1.0)
         assert arm.state.position["gripper"] == pytest.approx(0.2, abs=0.05)
@@ -302,6 +308,27 @@ def test_another_controllers_file_and_a_gripper_with_goals_are_used(tmp_path: Pa
             motion.wait(2.0)
         arm.move_to({**FREE, "gripper": 0.8}, duration=1.5)
         assert arm.state.position["gripper"] == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_motion_that_one_controller_rejects_moves_no_joint() -> None:
+    left, right = "left_shoulder_pan", "right_shoulder_pan"
+    with Arm.simulated("bimanual_so101") as arm:
+        speeds = {left: [0.0, 0.3, 0.0], right: [0.0, 2.0 * arm.limits[right].velocity, 0.0]}
+        path = ArmTrajectory([0.0, 1.0, 2.0], {joint: [0.0, 0.3, 0.6] for joint in speeds}, speeds)
+        before = arm.state.command
+        with pytest.raises(ArmInputError, match=f"the arm rejected the motion: {right} would move at") as caught:
+            arm.follow(path)
+        assert caught.value.joint == right
+        assert arm.step(10).command == before
+
+
+def test_a_motion_that_the_gripper_rejects_moves_no_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Arm.simulated("so101", controllers=gripper_with_goals(tmp_path)) as arm:
+        monkeypatch.setattr(GripperActionController, "check", lambda gripper, goal: "not now")
+        before = arm.state.command
+        with pytest.raises(ArmInputError, match="the gripper rejected the motion: not now"):
+            arm.move_to({PAN: 0.3, "gripper": 0.8})
+        assert arm.step(10).command == before
 
 
 def test_joints_of_a_hand_stop_without_moving_back_when_the_next_motion_begins(tmp_path: Path) -> None:
