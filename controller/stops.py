@@ -94,14 +94,16 @@ class DecelerationStops:
         """Stops in progress. While this list is empty, the cycle calls no method of this class."""
 
     def begin(self, index: Sequence[int], command: FloatArray, velocity: FloatArray) -> None:
-        """Stop the command interfaces whose controller was deactivated.
+        """Stop the command interfaces whose controller was deactivated. Positions outside their limits return to them.
 
         Args:
             index: Indices of the command interfaces.
             command: Last command of all n command interfaces, of shape (n,).
             velocity: Rate of change of the last command, of shape (n,).
         """
-        moving = [i for i in index if self._interfaces[i].joint in self._limits and self._moves(i, command, velocity)]
+        returning = self.begin_return(index, command)
+        known = [i for i in index if i not in returning and self._interfaces[i].joint in self._limits]
+        moving = [i for i in known if self._moves(i, command, velocity)]
         if not moving:
             return
         limits = [self._limits[self._interfaces[i].joint] for i in moving]
@@ -113,8 +115,8 @@ class DecelerationStops:
             return
         self._add({i: k for k, i in enumerate(moving)}, stop)
 
-    def begin_return(self, index: Iterable[int], command: FloatArray) -> None:
-        """Let positions outside their limits return to them.
+    def begin_return(self, index: Iterable[int], command: FloatArray) -> set[int]:
+        """Let positions outside their limits return to them, and return the indices of these positions.
 
         If a controller moved its joints in the meantime, its commands would run ahead of a slowly returning joint. The
         joint would then jump as soon as it is within its limits.
@@ -123,12 +125,15 @@ class DecelerationStops:
             index: Indices of the command interfaces.
             command: Last command of all n command interfaces, of shape (n,).
         """
+        returning = set()
         for i in index:
             limit = self._limits.get(self._interfaces[i].joint)
             if limit is not None and self._interfaces[i].kind == "position":
                 back = ReturnMotion(float(command[i]), limit)
                 if back.duration_s > 0.0:
                     self._add({i: 0}, back)
+                    returning.add(i)
+        return returning
 
     def _add(self, places: dict[int, int], stop: StopMotion | ReturnMotion) -> None:
         for former in self.moving:

@@ -9,6 +9,7 @@ import pytest
 from controller.action_goals import GoalStatus
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
+from controller.manager.switch import SwitchRequest
 from controller.shutdown import shut_down
 from drivers.servos import sts
 from hal.components.component_lifecycle import configure_all
@@ -88,6 +89,20 @@ def test_a_goal_waits_until_its_joint_has_returned(side: float) -> None:
     bench = Bench()
     bench.hardware.place("shoulder", side * 2.15)
     handle = bench.up().send(to(0.0, 0.0))
+    bench.cycle(60)
+    assert handle.status is GoalStatus.SUCCEEDED
+    velocity = np.diff(bench.path()[:, 0]) / bench.loop.period_s
+    changes = np.abs(np.diff(velocity)) / bench.loop.period_s
+    assert changes.max() <= ARM_LIMITS.acceleration + 1e-9
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_switch_of_controllers_does_not_end_the_return(side: float) -> None:
+    bench = Bench()
+    bench.hardware.place("shoulder", side * 2.15)
+    bench.up().cycle(2)
+    bench.manager.switch(SwitchRequest(("arm",), ("arm",)), bench.loop.within_limits)
+    handle = bench.send(to(0.0, 0.0))
     bench.cycle(60)
     assert handle.status is GoalStatus.SUCCEEDED
     velocity = np.diff(bench.path()[:, 0]) / bench.loop.period_s
