@@ -9,7 +9,6 @@ import numpy as np
 
 from controller.teach.hand_path import inside, path_of
 from controller.trajectory.goal import LONGEST_GOAL_S
-from drivers.driver_errors import DriverError
 from hal.types import FloatArray
 from servoloop.api.arm import Arm
 from servoloop.api.arm_errors import ArmError
@@ -56,8 +55,8 @@ class TeachRecording:
             keep: Function that saves the motion.
         """
         self.phase = RecordPhase.READYING
-        self.error: Exception | None = None
-        """Reason why the motion was not saved."""
+        self.error: BaseException | None = None
+        """Reason why the motion was not saved, or why it could not be reported."""
         self._arm, self._soft, self._keep = arm, soft, keep
         self._by_hand, self._watching = ExitStack(), ExitStack()
         self._poses: list[FloatArray] | None = [] if poses else None
@@ -104,7 +103,7 @@ class TeachRecording:
         self._watching.close()
         try:
             self._keep(*self.shown())
-        except DriverError as error:  # The error is raised later, after the arm holds its position.
+        except BaseException as error:  # The error is raised later, after the arm holds its position.
             self.error = error
         try:
             self._by_hand.close()

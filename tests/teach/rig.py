@@ -22,7 +22,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.robot_files import Files, initial_states
 from servoloop.teach.motion_files import RecordedMotion, TeachError
-from servoloop.teach.record import RecordPhase, TeachRecording
+from servoloop.teach.record import Keep, RecordPhase, TeachRecording
 from sim_backend.clock import SimulatedClock
 from sim_backend.scene.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
 from tests.teleop.rig import Lines
@@ -126,7 +126,8 @@ class Lesson:
     def __init__(self, soft: bool, poses: bool = False, pose: Pose = FREE) -> None:
         self.rig = Rig(pose)
         self.kept: list[tuple[RecordedMotion, Sequence[str]]] = []
-        self.recording = TeachRecording(self.rig.arm, soft, poses, lambda *found: self.kept.append(found))
+        self.keep: Keep = lambda *found: self.kept.append(found)
+        self.recording = TeachRecording(self.rig.arm, soft, poses, lambda *found: self.keep(*found))
 
     def begin(self) -> "Lesson":
         """Start the recording. The hand holds the arm still while the arm becomes free."""

@@ -158,6 +158,24 @@ def test_failure_to_enable_torque_is_reported_and_the_motion_is_saved(soft: bool
     assert held == [int(soft)] * 6
 
 
+@pytest.mark.parametrize("soft", [True, False])
+@pytest.mark.parametrize("error", [BrokenPipeError("the output is closed"), KeyboardInterrupt()])
+def test_torque_is_enabled_even_if_saving_the_motion_fails(error: BaseException, soft: bool) -> None:
+    lesson = Lesson(soft).begin()
+    lesson.show(1.0)
+
+    def fail(*found: object) -> None:
+        raise error
+
+    lesson.keep = fail
+    lesson.recording.press("q")
+    assert lesson.recording.error is error and lesson.recording.phase is RecordPhase.HELD
+    for joint in SO101.robot.joints:
+        assert lesson.rig.register(joint.name, sts.torque_enable) == 1
+        full = min(round(1000 * joint.torque_limit), lesson.rig.register(joint.name, sts.max_torque) - 1)
+        assert lesson.rig.register(joint.name, sts.torque_limit) == full
+
+
 def test_servo_that_may_hold_torque_is_reported_before_the_recording() -> None:
     lesson = Lesson(soft=False)
     (line,) = lesson.rig.lines.lines.values()
