@@ -3,7 +3,7 @@
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
@@ -13,7 +13,14 @@ from drivers.clock import MonotonicClock
 from drivers.driver_errors import DriverError
 from hal.types import JointLimits
 from nodes.namespace import parse_namespace
-from servoloop.api.arm_errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
+from servoloop.api.arm_errors import (
+    ArmBusyError,
+    ArmEndedError,
+    ArmError,
+    ArmInputError,
+    ArmSetupError,
+    StreamEndedError,
+)
 from servoloop.api.backend import ArmDescription, ArmState, MotionGoal, MotionProgress, Observer
 from servoloop.api.checks import checked_goal, checked_targets
 from servoloop.api.pace import ThreadPace
@@ -155,7 +162,14 @@ class SocketBackend:
     def begin_freedrive(self) -> None:
         """Let a person move the joints, as ``ArmBackend.begin_freedrive`` describes."""
         self._ask("take")
-        self._ask("freedrive", on=True)
+        try:
+            self._ask("freedrive", on=True)
+        except ArmBusyError:  # Another caller has opened the freedrive.
+            raise
+        except BaseException:  # The stack may have begun the freedrive, or may still begin it.
+            with suppress(ArmError):
+                self._ask("freedrive", on=False)
+            raise
 
     def end_freedrive(self) -> None:
         """Make the joints hold their positions, as ``ArmBackend.end_freedrive`` describes."""

@@ -167,8 +167,14 @@ class StackBackend:
         with self._lock:
             self._require_rest("move the arm by hand")
         freedrive = self._freedrive
-        freedrive.begin()
-        self._pace.wait(lambda: freedrive.free or not freedrive.open, FREEDRIVE_S)
+        try:
+            freedrive.begin()
+            self._pace.wait(lambda: freedrive.free or not freedrive.open, FREEDRIVE_S)
+        except ArmBusyError:  # Another caller has opened the freedrive.
+            raise
+        except BaseException:  # The request to begin may still be waiting, so the request to end follows it.
+            self.stack.loop.requests.ask(freedrive.end)
+            raise
         if not freedrive.open:
             raise ArmError("the arm cannot be moved by hand: another program has activated its controllers")
 

@@ -54,8 +54,8 @@ def load_controller(
 def active_controller(stack: ControlStack, name: str, in_loop: InLoop) -> Iterator[None]:
     """Let a loaded controller drive its joints while the context is open. Raises ArmBusyError."""
     takeover = Takeover(stack, name)
-    in_loop(takeover.take)
     try:
+        in_loop(takeover.take)
         yield
     finally:
         try:

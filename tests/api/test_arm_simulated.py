@@ -24,6 +24,7 @@ from servoloop import (
     MotionCanceledError,
     MotionFailedError,
 )
+from servoloop.api.stream_gate import Takeover
 from servoloop.api.thread_loop import exit_on_signals
 from servoloop.manual.poses import Poses
 from servoloop.recording.reader import read_recording
@@ -356,6 +357,24 @@ def test_a_user_controller_needs_valid_parameters_and_releases_its_joints(loaded
             with pytest.raises(ArmBusyError, match="elbow_flex cannot be moved: own_controller drives it"):
                 loaded.move_to({ELBOW: 0.0})
         loaded.move_to({ELBOW: 0.5}, duration=0.5)
+
+
+def test_a_user_controller_whose_start_is_interrupted_releases_its_joints(
+    loaded: LoadedArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    take = Takeover.take
+
+    def interrupted(takeover: Takeover) -> None:
+        take(takeover)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Takeover, "take", interrupted)
+        loaded.controller(own, joint=ELBOW).__enter__()
+    loaded.move_to({ELBOW: 0.3}, duration=0.5)
+    with loaded.controller(own, joint=ELBOW):
+        loaded.sleep(0.1)
 
 
 def test_a_port_that_does_not_exist_is_named() -> None:

@@ -8,11 +8,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hal.servos.soft_torque import Softening
+from servoloop import Arm
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.command_server import connection, server, session
 from servoloop.command_socket.client import CommandClient
@@ -100,6 +102,25 @@ def test_freedrive_of_a_killed_client_ends_and_the_arm_holds(rig: SocketRig) -> 
     assert at_rest(rig) == pytest.approx(READY, abs=0.05)
     (hardware,) = (component.hardware for component in rig.stack.loop.hardware.components)
     assert isinstance(hardware, Softening) and not hardware.soft_torque.reduced
+
+
+def test_freedrive_whose_start_is_interrupted_ends_although_its_client_stays_connected(
+    rig: SocketRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request, registry = CommandClient.request, rig.stack.loop.manager.registry
+
+    def interrupted(commands: CommandClient, op: str, *arguments: Any, **fields: Any) -> dict[str, Any]:
+        reply = request(commands, op, *arguments, **fields)
+        if fields.get("on"):
+            assert registry.loaded[FREEDRIVE].active
+            raise KeyboardInterrupt
+        return reply
+
+    monkeypatch.setattr(CommandClient, "request", interrupted)
+    with Arm.connect() as arm:
+        with pytest.raises(KeyboardInterrupt), arm.freedrive():
+            pass
+        assert registry.loaded["arm_controller"].active and not registry.loaded[FREEDRIVE].active
 
 
 def test_a_stalled_client_loses_the_motion_to_a_client_that_takes_it_by_force(rig: SocketRig) -> None:

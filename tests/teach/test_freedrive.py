@@ -1,6 +1,6 @@
 """An arm that is soft holds its position under gravity and follows a hand, on virtual servos."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,9 @@ from hal.mock_hardware import MockHardware
 from hal.servos.soft_torque import SOFT_SHARE
 from hal.types import JointFault, JointLimits, JointState
 from servoloop.api.arm_errors import ArmBusyError, ArmError
+from servoloop.api.backend import ArmState
 from servoloop.api.freedrive import FREEDRIVE, Freedrive
+from servoloop.api.pace import SimulatedPace
 from tests.teach.rig import FREE, SO101, Rig
 
 STRETCHED: Mapping[str, float] = {"shoulder_lift": 0.0, "elbow_flex": -0.5, "wrist_flex": 0.2}
@@ -219,6 +221,42 @@ def test_after_freedrive_the_arm_has_its_full_torque_and_its_controllers() -> No
     assert running(rig) == former and limits(rig) == full
     rig.arm.move_to({PAN: 0.2}, duration=1.0)
     assert rig.arm.state.position[PAN] == pytest.approx(0.2, abs=0.02)
+
+
+def interrupt_while_it_begins(rig: Rig, patch: pytest.MonkeyPatch) -> None:
+    """Interrupt the program while the torque limits are already reduced."""
+
+    def interrupt(state: ArmState) -> None:
+        if FREEDRIVE in running(rig):
+            end()
+            raise KeyboardInterrupt
+
+    end = rig.arm.on_state(interrupt)
+
+
+def interrupt_while_it_waits(rig: Rig, patch: pytest.MonkeyPatch) -> None:
+    """Interrupt the program before the loop has received the request."""
+    wait = SimulatedPace.wait
+
+    def interrupt(pace: SimulatedPace, until: Callable[[], bool], timeout_s: float) -> bool:
+        patch.setattr(SimulatedPace, "wait", wait)
+        raise KeyboardInterrupt
+
+    patch.setattr(SimulatedPace, "wait", interrupt)
+
+
+@pytest.mark.parametrize("interrupt", [interrupt_while_it_begins, interrupt_while_it_waits])
+def test_freedrive_whose_start_is_interrupted_ends(
+    interrupt: Callable[[Rig, pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig()
+    full, former = limits(rig), running(rig)
+    interrupt(rig, monkeypatch)
+    with pytest.raises(KeyboardInterrupt), rig.arm.freedrive():
+        pass
+    rig.run(0.5)
+    assert limits(rig) == full and running(rig) == former
+    rig.arm.move_to({PAN: 0.2}, duration=1.0)
 
 
 def test_freedrive_is_refused_during_a_motion_and_without_torque() -> None:
