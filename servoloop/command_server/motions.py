@@ -93,7 +93,7 @@ class Motions:
 
         Args:
             client: Client that sends the set point.
-            name: Name of a forward or trajectory controller.
+            name: Name of a forward or trajectory controller, or an empty string for the only active one.
             values: One value for each joint of the controller.
             time_s: Time until a trajectory controller comes to rest at the set point, in seconds.
 
@@ -106,13 +106,13 @@ class Motions:
             if entry.spec.kind in TRAJECTORY:
                 points = (GoalPoint(tuple(values), time_s),)
                 goal = TrajectoryGoal(_joints(entry), points, from_topic=True)
-                motions.set_points[name] = self._submit(entry, goal)
+                motions.set_points[entry.name] = self._submit(entry, goal)
                 return
             if not entry.active:
                 raise CommandError("rejected", f"{name} is not active: activate the controller first")
             if reason := cast(Any, entry.controller).submit(list(values)):
                 raise CommandError("rejected", reason)
-            motions.set_points[name] = None
+            motions.set_points[entry.name] = None
 
     def cancel(self, client: object, number: int) -> None:
         """Cancel a goal of a client. A goal that has just finished is not affected. Raises CommandError."""

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from controller.manager.switch import SwitchRequest
 from servoloop.api.own_loop import describe
 from servoloop.api.stack_backend import StackBackend
 from servoloop.campaign.between_cycles import BetweenCycles
@@ -125,3 +126,16 @@ def test_a_streamed_target_is_in_the_goals_on_the_bus_within_one_cycle(client: C
         client.wait_s(loop.period_s)
         written_s, goal = next_goal(now_s)
         assert written_s - now_s <= loop.period_s and goal == joint.counts(target)
+
+
+def test_the_only_forward_controller_holds_when_a_client_that_did_not_name_it_dies(client: Client) -> None:
+    loop = client.stack.loop
+    loop.manager.switch(SwitchRequest((), ("arm_controller",)), loop.within_limits)
+    client.write(client.line("take"))
+    begin, now_s = loop.command[-1], client.requests.time.now()
+    assert client.write(client.line("set_point", controller="", values=[0.05], sent_s=now_s))[0]["ok"]
+    client.wait_s(0.2)
+    assert loop.command[-1] > begin
+    client.session.end()
+    client.wait_s(2.0)
+    assert begin < loop.command[-1] < 0.045
