@@ -91,8 +91,10 @@ class Freedrive:
             if ended:
                 LOG.warning("freedrive has ended because its controller was deactivated")
             self._stiffen(faults, now_s)
-            self._takeover.give_back()
-            self.open = self._ending = False  # Set this flag last, because other threads wait for it.
+            try:
+                self._takeover.give_back()
+            finally:
+                self.open = self._ending = False  # Set this flag last, because other threads wait for it.
 
     def _begin(self) -> None:
         if self.open:
@@ -100,7 +102,7 @@ class Freedrive:
         unknown = [name for name in self._joints if name in self._faults and self._faults[name].kind != "no_torque"]
         if unknown:  # Writing to a servo that does not respond would delay the loop.
             raise ArmError(f"the arm cannot be moved by hand: {self._faults[unknown[0]].text}")
-        if self._controller is None:
+        if self._controller is None or FREEDRIVE not in self._stack.loop.manager.registry.loaded:
             self._controller = self._load()
         self._controller.holds, self._ending = False, False
         self._takeover.take()

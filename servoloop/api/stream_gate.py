@@ -45,13 +45,18 @@ class Takeover:
         self._stack.before_end[self._name] = self._before_end
 
     def give_back(self) -> None:
-        """Reactivate the previous controllers.
+        """Reactivate the previous controllers, except those that another program has unloaded.
 
         The previous controllers start after the joints have slowed down within their limits.
         """
         loop = self._stack.loop
         self._stack.before_end.pop(self._name, None)
-        inactive = tuple(name for name in self._former if not loop.manager.registry.loaded[name].active)
+        loaded = loop.manager.registry.loaded
+        for name in self._former:
+            if name not in loaded:
+                text = "%s was unloaded and cannot be activated after %s: load and activate it to move its joints"
+                LOG.error(text, name, self._name)
+        inactive = tuple(name for name in self._former if name in loaded and not loaded[name].active)
         try:
             request = SwitchRequest(activate=inactive, deactivate=(self._name,) * self.active)
             loop.manager.switch(request, loop.within_limits)

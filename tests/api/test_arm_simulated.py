@@ -143,6 +143,17 @@ def test_a_joint_that_an_own_controller_presses_is_relieved_when_the_program_end
         context.__exit__(None, None, None)
 
 
+def test_a_stream_ends_although_a_previous_controller_was_unloaded(loaded: LoadedArm) -> None:
+    registry = loaded.loop.backend.stack.loop.manager.registry
+    with loaded.stream(max_age=1.0) as stream:
+        stream.send({PAN: 0.1})
+        registry.unload("arm_controller")
+    assert {entry.spec.name for entry in registry.running} == {"joint_state_broadcaster", "hand_controller"}
+    loaded.gripper.open()
+    with pytest.raises(ArmBusyError, match=f"{PAN} cannot be moved: no active controller moves it"):
+        loaded.move_to({PAN: 0.0})
+
+
 def test_joints_that_still_stop_when_a_stream_begins_do_not_move_back(loaded: LoadedArm) -> None:
     with loaded.stream(max_age=1.0) as stream:
         stream.send({PAN: 1.5})

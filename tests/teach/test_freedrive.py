@@ -294,6 +294,24 @@ def test_another_program_that_activates_a_controller_ends_the_freedrive() -> Non
     assert limits(rig) == full and "arm_controller" in running(rig)
 
 
+def test_freedrive_ends_although_a_previous_controller_was_unloaded(caplog: pytest.LogCaptureFixture) -> None:
+    rig = Rig()
+    full = limits(rig)
+    with rig.arm.freedrive():
+        rig.loop.manager.registry.unload("arm_controller")
+    assert limits(rig) == full and running(rig) == {"hand_controller"}
+    assert "arm_controller was unloaded and cannot be activated after freedrive_controller: load" in caplog.text
+    assert rig.loop.figures.observer_errors == 0
+
+
+def test_freedrive_begins_again_after_its_controller_was_unloaded() -> None:
+    rig = Rig()
+    for _ in range(2):
+        with rig.arm.freedrive():
+            assert running(rig) == {FREEDRIVE}
+        rig.loop.manager.registry.unload(FREEDRIVE)
+
+
 def test_servo_that_is_silent_at_the_end_gets_its_torque_back_once_it_answers() -> None:
     rig = Rig()
     full = limits(rig)
