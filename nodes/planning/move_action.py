@@ -122,6 +122,7 @@ class MoveActions:
             kind,
             name,
             execute,
+            handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
             callback_group=ReentrantCallbackGroup(),
             goal_service_qos_profile=EVERY_CALL,
@@ -130,16 +131,19 @@ class MoveActions:
             result_timeout=RESULT_TIMEOUT_S,
         )
 
+    def _on_accepted(self, handle: Any) -> None:
+        """Register the goal. The server calls ``execute`` only in the next iteration of the executor, but a request to
+        stop may arrive earlier."""
+        self._stops[bytes(handle.goal_id.uuid)] = StopRequest()
+        handle.execute()
+
     def _on_cancel(self, handle: Any) -> CancelResponse:
-        stop = self._stops.get(bytes(handle.goal_id.uuid))
-        if stop is not None:
-            stop.request("PREEMPTED", CANCELED)
+        self._stops[bytes(handle.goal_id.uuid)].request("PREEMPTED", CANCELED)
         return CancelResponse.ACCEPT
 
     async def _answer(self, kind: Any, run: Run, handle: Any) -> Any:
         """Run one goal and return its result."""
-        result, stop = kind.Result(), StopRequest()
-        self._stops[bytes(handle.goal_id.uuid)] = stop
+        result, stop = kind.Result(), self._stops[bytes(handle.goal_id.uuid)]
         try:
             await run(handle, result, stop)
             result.error_code = success()
