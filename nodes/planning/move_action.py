@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from moveit_msgs.action import ExecuteTrajectory, MoveGroup
 from moveit_msgs.msg import DisplayTrajectory, MotionPlanRequest, PlanningScene, RobotState
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
@@ -97,10 +97,16 @@ class MoveActions:
         self._log = node.get_logger()
         self._waiter = Waiter(node)
         self._stops: dict[bytes, StopRequest] = {}
+        self._is_closed = False
         self._servers = [
             self._server(node, MoveGroup, "move_action", self._move),
             self._server(node, ExecuteTrajectory, "execute_trajectory", self._execute),
         ]
+
+    def close(self, code: str, message: str) -> None:
+        """Stop all goals, and reject all further goals."""
+        self._is_closed = True
+        self.stop_all(code, message)
 
     def stop_all(self, code: str, message: str) -> None:
         """Stop all goals, including those that are still being planned."""
@@ -122,6 +128,7 @@ class MoveActions:
             kind,
             name,
             execute,
+            goal_callback=partial(self._on_goal, name),
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
             callback_group=ReentrantCallbackGroup(),
@@ -130,6 +137,12 @@ class MoveActions:
             result_service_qos_profile=EVERY_CALL,
             result_timeout=RESULT_TIMEOUT_S,
         )
+
+    def _on_goal(self, name: str, _: Any) -> GoalResponse:
+        if not self._is_closed:
+            return GoalResponse.ACCEPT
+        self._log.warning(f"a goal of {name} was rejected, because the planning server exits")
+        return GoalResponse.REJECT
 
     def _on_accepted(self, handle: Any) -> None:
         """Register the goal. The server calls ``execute`` only in the next iteration of the executor, but a request to

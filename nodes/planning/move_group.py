@@ -57,8 +57,8 @@ class MoveGroupNode:
         self._actions = MoveActions(node, planning, execution)
 
     async def stop(self, reason: str) -> None:
-        """Brake all motions along their paths, and wait until they have stopped."""
-        self._actions.stop_all("PREEMPTED", reason)
+        """Reject new goals, brake all motions along their paths, and wait until they have stopped."""
+        self._actions.close("PREEMPTED", reason)
         for _ in range(round(END_S / POLL_S)):
             if self._actions.is_idle:
                 break

@@ -17,7 +17,10 @@ from rclpy.action.server import default_goal_callback, default_handle_accepted_c
 from nodes.planning import move_action
 from nodes.planning.controllers import StopRequest
 from nodes.planning.move_action import MoveActions
+from nodes.planning.move_group import MoveGroupNode
 from nodes.planning.request_errors import RequestError
+
+REASON = "the planning server exits"
 
 
 class Log:
@@ -140,4 +143,23 @@ def test_a_goal_that_is_stopped_before_its_task_starts_does_not_move(
     result = result_of(served.server.execute(goal))
     assert result.error_code.val == MoveItErrorCodes.PREEMPTED
     assert goal.status == ("aborted" if stops_all else "canceled")
+    assert served.actions.is_idle
+
+
+def test_goals_are_rejected_while_the_server_exits(monkeypatch: pytest.MonkeyPatch) -> None:
+    served, running = Actions(monkeypatch), FakeGoal()
+    served.server.send(running)
+    sent = []
+
+    class ClientSendsNext:
+        """Wait for the end of the running motion, in which a client sends its next goal."""
+
+        async def until(self, timeout_s: float) -> None:
+            sent.append(served.server.send(FakeGoal()))
+            result_of(served.server.execute(running))
+
+    workers = SimpleNamespace(close=lambda: None)
+    node: Any = SimpleNamespace(_actions=served.actions, _waiter=ClientSendsNext(), _workers=workers)
+    result_of(MoveGroupNode.stop(node, REASON))
+    assert sent == [GoalResponse.REJECT]
     assert served.actions.is_idle
