@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 from nodes.pick_place.waiter import Waiter
 from nodes.planning.conversion.trajectories import seconds_of
 from nodes.planning.joint_monitor import JointMonitor
+from nodes.planning.request_errors import RequestError
 from nodes.planning.routes import Route
 
 ANSWER_S: Final = 3.0
@@ -54,6 +55,11 @@ class StopRequest:
             self.code, self.message = code, message
             self.future.set_result(None)
 
+    def check(self) -> None:
+        """Raise RequestError if the motion must stop."""
+        if self.requested:
+            raise RequestError(self.code, self.message)
+
 
 class RouteController(Protocol):
     """Controller that executes trajectories of its joints."""
@@ -62,7 +68,7 @@ class RouteController(Protocol):
 
     async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Follow a trajectory until it ends or a stop is requested. Return the reason if the trajectory was not
-        executed, otherwise ""."""
+        executed, otherwise "". If a stop is already requested, send nothing."""
         ...
 
 
@@ -90,7 +96,10 @@ class ActionController:
     async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Send one goal and wait for its result. A request to stop cancels the goal, and the controller brakes along
         the path."""
-        if not await self._waiter.until_ready(ANSWER_S, self._client.server_is_ready, stop.future):
+        is_ready = await self._waiter.until_ready(ANSWER_S, self._client.server_is_ready, stop.future)
+        if stop.requested:
+            return ""
+        if not is_ready:
             return f"the action {self._name} is not available: start the stack, and activate {self.route.name}"
         sent = self._client.send_goal_async(self._goal(trajectory))
         if not await self._waiter.until(ANSWER_S, sent):
@@ -144,7 +153,10 @@ class ForwardController:
     async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
         """Send the last point, and wait until the joints have arrived or are at rest, for example because they hold an
         object."""
-        if not await self._waiter.until_ready(ANSWER_S, self._has_listener, stop.future):
+        is_ready = await self._waiter.until_ready(ANSWER_S, self._has_listener, stop.future)
+        if stop.requested:
+            return ""
+        if not is_ready:
             return f"no controller listens to {self._name}: start the stack, and activate {self.route.name}"
         state = self._joints.state()
         goals = dict(zip(trajectory.joint_names, trajectory.points[-1].positions, strict=True))

@@ -110,6 +110,7 @@ class Execution:
         self._running.append(running)
         try:
             await self._check_first(running, now, must_be_free)
+            stop.check()
             running.begun_s = self._now_s()
             await self._follow(message, chosen, stop)
         finally:
@@ -121,8 +122,7 @@ class Execution:
         executor = self._node.executor
         ends = [executor.create_task(self._follow_one, one, message, stop) for one in chosen]
         reasons = [await end for end in ends]
-        if stop.requested:
-            raise RequestError(stop.code, stop.message)
+        stop.check()
         if reason := next(filter(None, reasons), ""):
             raise RequestError("CONTROL_FAILED", reason)
 

@@ -63,8 +63,7 @@ class Planning:
             edit.apply_scene(diff)
             now = replace(now, world=edit.world)
         planned = await self._workers.search(partial(self._plan, request, now, limit_s, stop))
-        if stop.requested:
-            raise RequestError(stop.code, stop.message)
+        stop.check()
         self.show(planned.motion, planned.start, now.world)
         return planned
 
@@ -81,8 +80,7 @@ class Planning:
 
     def _plan(self, request: MotionPlanRequest, now: Snapshot, limit_s: float, stop: StopRequest) -> Planned:
         end_s = monotonic() + limit_s
-        if stop.requested:
-            raise RequestError(stop.code, stop.message)
+        stop.check()
         return self.requests.motion(request, now, lambda: 0.0 if stop.requested else end_s - monotonic())
 
 

@@ -10,17 +10,26 @@ pytest.importorskip("moveit_msgs")
 pytest.importorskip("ompl")
 
 from moveit_msgs.action import ExecuteTrajectory
-from moveit_msgs.msg import MoveItErrorCodes
+from moveit_msgs.msg import MoveItErrorCodes, RobotTrajectory
 from rclpy.action import GoalResponse
 from rclpy.action.server import default_goal_callback, default_handle_accepted_callback
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from nodes.planning import move_action
-from nodes.planning.controllers import StopRequest
+from nodes.planning import controllers, move_action
+from nodes.planning.controllers import RouteController, StopRequest
+from nodes.planning.conversion.trajectories import duration
+from nodes.planning.execution import Execution
 from nodes.planning.move_action import MoveActions
 from nodes.planning.move_group import MoveGroupNode
 from nodes.planning.request_errors import RequestError
+from nodes.planning.requests import Snapshot
+from nodes.planning.routes import Route
+from nodes.planning.world import first_world
+from tests.nodes.planning.robots import READY, robot_arm
 
 REASON = "the planning server exits"
+ARM = Route("arm_controller", "trajectory", tuple(joint for joint in READY if joint != "hand_right_joint"))
+HAND = Route("hand_controller", "forward", ("hand_right_joint",))
 
 
 class Log:
@@ -163,3 +172,64 @@ def test_goals_are_rejected_while_the_server_exits(monkeypatch: pytest.MonkeyPat
     result_of(MoveGroupNode.stop(node, REASON))
     assert sent == [GoalResponse.REJECT]
     assert served.actions.is_idle
+
+
+def trajectory(*joints: str) -> JointTrajectory:
+    """Return a trajectory that begins at the ready pose."""
+    start = [READY[joint] for joint in joints]
+    points = [
+        JointTrajectoryPoint(positions=[at + share for at in start], time_from_start=duration(2.0 * share))
+        for share in (0.0, 0.02)
+    ]
+    return JointTrajectory(joint_names=list(joints), points=points)
+
+
+class RecordingController:
+    """Controller that records what it follows."""
+
+    def __init__(self) -> None:
+        self.route = ARM
+        self.followed: list[JointTrajectory] = []
+
+    async def follow(self, trajectory: JointTrajectory, stop: StopRequest) -> str:
+        self.followed.append(trajectory)
+        return ""
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_motion_that_is_stopped_during_its_first_check_is_not_sent(stops: bool) -> None:
+    stop, controller = StopRequest(), RecordingController()
+
+    async def snapshot() -> Snapshot:
+        return Snapshot(first_world(robot_arm()), READY)
+
+    async def compute(work: Callable[[], Any]) -> None:
+        if stops:
+            stop.request("PREEMPTED", REASON)
+
+    store: Any = SimpleNamespace(listeners=[], snapshot=snapshot)
+    workers: Any = SimpleNamespace(compute=compute)
+    execution = Execution(FakeNode(), robot_arm(), store, workers)  # type: ignore[arg-type]
+    execution.controllers = {ARM.name: controller}
+    run = execution.run(RobotTrajectory(joint_trajectory=trajectory(*ARM.joints)), (), stop)
+    if stops:
+        with pytest.raises(RequestError, match=REASON):
+            result_of(run)
+    else:
+        result_of(run)
+    assert len(controller.followed) == (not stops)
+    assert execution.is_idle
+
+
+@pytest.mark.parametrize("route", [ARM, HAND])
+def test_a_controller_sends_nothing_after_a_stop(monkeypatch: pytest.MonkeyPatch, route: Route) -> None:
+    sent: list[Any] = []
+    client = SimpleNamespace(server_is_ready=lambda: True, send_goal_async=sent.append)
+    monkeypatch.setattr(controllers, "ActionClient", lambda *_, **__: client)
+    node, stop = FakeNode(), StopRequest()
+    stop.request("PREEMPTED", REASON)
+    joints: Any = SimpleNamespace(state=lambda: READY)
+    controller: RouteController = controllers.controllers(node, (route,), joints)[route.name]  # type: ignore[arg-type]
+    assert result_of(controller.follow(trajectory(*route.joints), stop)) == ""
+    assert not sent
+    assert not node.published
