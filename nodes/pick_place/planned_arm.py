@@ -116,16 +116,19 @@ class PlannedArm:
         return outcome
 
     async def _call(self, client: Any, request: Any) -> tuple[JobOutcome, Any]:
-        """Call a service, and return whether it responded in time, together with the response."""
+        """Call a service, and return whether it responded in time and before a stop, together with the response."""
         waits_s = self._settings.goal_timeout_s + self._settings.planning_time_s
         self._stop = Future()
         server_s = self._settings.server_timeout_s
-        if not await self._waiter.until_ready(server_s, client.service_is_ready, self._stop):
+        found = await self._waiter.until_ready(server_s, client.service_is_ready, self._stop)
+        if self._stop.done():
+            return JobOutcome(False), None
+        if not found:
             text = f"the service {client.service_name} is not available (waited {server_s:g} s)"
-            return JobOutcome(False, "" if self._stop.done() else text), None
+            return JobOutcome(False, text), None
         answer = client.call_async(request)
         await self._waiter.until(waits_s, answer, self._stop)
-        if answer.done():
+        if answer.done() and not self._stop.done():
             return JobOutcome(True), answer.result()
         client.remove_pending_request(answer)
         text = "" if self._stop.done() else f"{client.service_name} did not respond (waited {waits_s:g} s)"
