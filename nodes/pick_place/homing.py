@@ -26,11 +26,14 @@ class Homing:
         self._executor = executor
 
     def home(self, stop: Callable[[], bool]) -> JobOutcome:
-        """Open the hand, then move to the ready pose. The motion stops when ``stop`` returns True."""
+        """Open the hand, then move to the ready pose. When ``stop`` returns True, the motion stops or does not
+        begin."""
         self._arm.hand(self._settings.hand_open_m)
         opened_s = monotonic() + OPEN_S
         while monotonic() < opened_s and not stop():
             self._executor.spin_once(timeout_sec=_SPIN_S)
+        if stop():
+            return JobOutcome(False)
         moving = self._executor.create_task(self._arm.move(self._settings.ready_rad))
         while not moving.done():  # The move enforces its own timeouts.
             if stop():
