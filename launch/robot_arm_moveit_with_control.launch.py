@@ -19,6 +19,7 @@ from launch_ros.actions import Node
 from hal.text_file import read_text, read_xml
 from hal.yaml_nodes import read as read_yaml
 from launch import LaunchContext, LaunchDescription
+from nodes.namespace import parse_namespace
 
 SHARE = Path(get_package_share_directory("servoloop"))
 MOVEIT = SHARE / "config" / "moveit"
@@ -75,14 +76,14 @@ def move_group_parameters(moveit: Path) -> dict[str, Any]:
     }
 
 
-def tell_surroundings(file: Path) -> ExecuteProcess:
+def tell_surroundings(file: Path, namespace: str) -> ExecuteProcess:
     """Send the objects around the arm to move_group in one call, which waits until move_group is ready.
 
     MoveIt's moveit_publish_scene_from_text is not used: in Jazzy it uses a publisher that it has not created. With
     --scene it also sends paddings of 0, which replace the padding in joint_limits.yaml.
     """
     read(file)
-    service = ["/apply_planning_scene", "moveit_msgs/srv/ApplyPlanningScene"]
+    service = [f"{namespace}/apply_planning_scene", "moveit_msgs/srv/ApplyPlanningScene"]
     call = ["ros2", "service", "call", *service, read_text(file, FileError)]
     return ExecuteProcess(cmd=call, name="apply_planning_scene", output="log")  # errors are still printed
 
@@ -94,12 +95,14 @@ def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
     move_group = Node(
         package="moveit_ros_move_group",
         executable="move_group",
+        namespace=LaunchConfiguration("namespace"),
         output="screen",
         parameters=[model, move_group_parameters(moveit)],
     )
     rviz = Node(
         package="rviz2",
         executable="rviz2",
+        namespace=LaunchConfiguration("namespace"),
         output="log",
         arguments=["-d", str(moveit / "moveit.rviz")],
         parameters=[model],
@@ -107,7 +110,8 @@ def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
     )
     scene = LaunchConfiguration("scene").perform(context)
     around = moveit / SCENE if scene == str(MOVEIT / SCENE) else Path(scene)
-    return [move_group, rviz, *([tell_surroundings(around)] if scene else [])]
+    namespace = parse_namespace(LaunchConfiguration("namespace").perform(context))
+    return [move_group, rviz, *([tell_surroundings(around, namespace)] if scene else [])]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -127,8 +131,9 @@ def generate_launch_description() -> LaunchDescription:
                 description="Scene file to use instead of the one in the folder. An empty scene:= means no objects "
                 "around the arm.",
             ),
-            # The included file also declares this argument, but start_moveit needs it too.
+            # The included file also declares these arguments, but start_moveit needs them too.
             DeclareLaunchArgument("urdf", default_value=str(URDF)),
+            DeclareLaunchArgument("namespace", default_value=""),
             IncludeLaunchDescription(control),
             OpaqueFunction(function=start_moveit),
         ]

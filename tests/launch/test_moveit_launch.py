@@ -63,6 +63,18 @@ def test_another_arm_comes_with_a_folder_of_its_own(share: Path, tmp_path: Path)
     assert around.cmd[-1] == "scene: {is_diff: true}\n"
 
 
+@pytest.mark.parametrize(("given", "namespace"), [("", ""), ("left", "/left"), ("/lab/left", "/lab/left")])
+def test_all_programs_are_in_the_namespace(share: Path, given: str, namespace: str) -> None:
+    process, move_group, rviz, around = actions(share / "launch" / MOVEIT, namespace=given)
+    assert parse(process.cmd[1:])["namespace"] == namespace
+    assert [node.namespace.name for node in (move_group, rviz)] == ["namespace"] * 2
+    assert around.cmd[3] == f"{namespace}/apply_planning_scene"
+    displays = yaml.safe_load(Path(rviz.arguments[-1]).read_text())["Visualization Manager"]["Displays"]
+    (motions,) = (display for display in displays if display["Name"] == "MotionPlanning")
+    topics = (motions["Planning Scene Topic"], motions["Planned Path"]["Trajectory Topic"])
+    assert topics == ("monitored_planning_scene", "display_planned_path")
+
+
 def test_every_program_comes_from_a_package_that_the_manifest_names(share: Path) -> None:
     manifest = ElementTree.parse(share / "package.xml").getroot()
     known = {"servoloop"} | {element.text for element in manifest.findall("exec_depend")}
