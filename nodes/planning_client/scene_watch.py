@@ -119,10 +119,14 @@ def _item(item: CollisionObject, link: str) -> SceneItem | None:
 
 
 def plan_of(message: DisplayTrajectory) -> ShownPlan | None:
-    """Return the last part of a displayed plan, or None if that part has no points."""
+    """Return the last part of a displayed plan, or None if that part has no points or a point lacks a finite position
+    for a joint."""
     trajectories = [one.joint_trajectory for one in message.trajectory if one.joint_trajectory.points]
     if not trajectories:
         return None
-    points = trajectories[-1].points
+    joints, points = trajectories[-1].joint_names, trajectories[-1].points
+    if any(len(point.positions) != len(joints) for point in points):
+        return None
     times_s = np.array([Duration.from_msg(point.time_from_start).nanoseconds * 1e-9 for point in points])
-    return ShownPlan(tuple(trajectories[-1].joint_names), times_s, np.array([point.positions for point in points]))
+    positions = np.array([point.positions for point in points])
+    return ShownPlan(tuple(joints), times_s, positions) if np.isfinite(positions).all() else None
