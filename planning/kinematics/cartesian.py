@@ -12,7 +12,7 @@ from hal.rotations import angle_between, slerp
 from hal.types import FloatArray
 from planning.kinematics.chain import Chain, ToolPose
 from planning.kinematics.descent import DescentEffort, descend
-from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
+from planning.kinematics.goals import FARTHEST_M, INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
 
 TURN_PER_METER: Final = 3.5
 """Maximum rotation of the tool in one step, in rad per meter of the maximum step length. MoveIt uses the same value."""
@@ -93,14 +93,20 @@ def tool_path(
         The path up to the first point that cannot be reached, and the reason why it ends there.
 
     Raises:
-        GoalError: A waypoint is invalid, or the path has too many steps.
+        GoalError: A waypoint is invalid, the tool is too far away from the base, or the path has too many steps.
         PlanningError: The start is invalid.
     """
     start, checks = chain.checked(start), checks or Checks()
+    begin = chain.pose(start)
+    if not np.abs(begin.position_m).max() <= FARTHEST_M:
+        raise invalid(
+            f"the tool is more than {FARTHEST_M:g} m away from the base: check the pose of the object attached to "
+            f"{chain.tool}"
+        )
     if text := checks.at(start):
         return ToolPath(start[None], 0.0, text)
     found, shares, reason = [start], [0.0], ""
-    for pose, share in _points(chain.pose(start), waypoints, steps):
+    for pose, share in _points(begin, waypoints, steps):
         following = _follow(chain, pose, found[-1], steps)
         reason = (
             _miss(chain, pose, following, steps)
@@ -123,20 +129,20 @@ def _points(start: ToolPose, waypoints: Sequence[ToolPose], steps: Steps) -> Ite
     poses = [start, *(checked_pose(pose.position_m, pose.quaternion_xyzw) for pose in waypoints)]
     counts = [_count(one, other, steps.longest_m) for one, other in pairwise(poses)]
     if sum(counts) > MOST_STEPS:
-        raise invalid(f"the path has {sum(counts)} steps, above {MOST_STEPS}: send a larger maximum step")
+        raise invalid(f"the path has {sum(counts):.6g} steps, above {MOST_STEPS}: send a larger maximum step")
     for number, (one, other) in enumerate(pairwise(poses)):
-        for step in range(1, counts[number] + 1):
+        for step in range(1, int(counts[number]) + 1):
             share = step / counts[number]
             position = one.position_m + share * (other.position_m - one.position_m)
             between = ToolPose(position, slerp(one.quaternion_xyzw, other.quaternion_xyzw, share))
             yield between, (number + share) / len(waypoints)
 
 
-def _count(one: ToolPose, other: ToolPose, longest_m: float) -> int:
-    """Return the number of steps between two poses."""
+def _count(one: ToolPose, other: ToolPose, longest_m: float) -> float:
+    """Return the number of steps between two poses, which is infinite if it exceeds the range of a float."""
     distance_m = float(np.linalg.norm(other.position_m - one.position_m))
     angle_rad = angle_between(one.quaternion_xyzw, other.quaternion_xyzw)
-    return max(1, math.ceil(max(distance_m, angle_rad / TURN_PER_METER) / longest_m - 1e-9))
+    return max(1.0, float(np.ceil(max(distance_m, angle_rad / TURN_PER_METER) / longest_m - 1e-9)))
 
 
 def _goal(pose: ToolPose, steps: Steps) -> PoseGoal:

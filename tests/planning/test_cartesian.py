@@ -115,6 +115,7 @@ def test_the_path_ends_before_a_collision_with_its_text() -> None:
         ({"longest_m": math.nan}, 1, "the maximum step is nan m"),
         ({"jump_factor": -1.0}, 1, "jump_factor is -1: send 0 for no limit, or a number above 0"),
         ({"longest_m": 1e-6}, 1, "steps, above 20000: send a larger maximum step"),
+        ({"longest_m": 5e-324}, 1, "the path has inf steps, above 20000"),
         ({}, 0, "the path has no waypoints: send at least one pose"),
     ],
 )
@@ -127,6 +128,15 @@ def test_wrong_requests_are_refused(steps: dict[str, float], poses: int, message
 def test_a_wrong_waypoint_is_refused() -> None:
     with pytest.raises(GoalError, match="length 0"):
         path(DOWN, ToolPose(np.zeros(3), np.zeros(4)))
+
+
+@pytest.mark.parametrize("distance_m", [2e3, 1e300])
+def test_a_tool_that_is_too_far_away_is_refused(distance_m: float) -> None:
+    """The tool may be an attached object, whose pose a client chooses."""
+    held = chain("robot_arm").at_frame(np.eye(3), np.array([0.0, 0.0, distance_m]))
+    with pytest.raises(GoalError, match=r"1000 m away from the base: .* gripper_base_link") as caught:
+        tool_path(held, DOWN, [moved(DOWN, (0.0, 0.0, 0.04))], Steps())
+    assert caught.value.code == "INVALID_GOAL_CONSTRAINTS"
 
 
 def test_a_five_joint_arm_keeps_the_line_and_turns_within_the_tolerance() -> None:
