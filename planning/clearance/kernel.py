@@ -18,8 +18,8 @@ from planning.clearance.placement import Placement, place
 from planning.clearance.speed_bounds import approach, set_bends, set_geom_rates, set_rates
 
 OPEN: Final = 128
-"""Maximum number of unchecked segments of an edge. This number is never reached, because each step at least halves a
-segment.
+"""Maximum number of unchecked segments of an edge. Each step at least halves a segment, so only an edge of an
+impossible length has more unchecked segments. Such an edge is rejected.
 """
 MOST: Final = 2_000
 """Maximum number of poses for one edge. An edge that slides along an obstacle may need more poses and is then
@@ -172,7 +172,7 @@ def edge_contact(
     high[0], count, checked = 1.0, 1, 0
     positions = np.empty(len(chains.planned))
     while count > 0:
-        if checked >= MOST:
+        if checked >= MOST or count >= OPEN:
             return low[count - 1], now.hints[0], checked
         count -= 1
         start, end = low[count], high[count]

@@ -167,6 +167,13 @@ def test_an_edge_that_needs_too_many_poses_is_refused():
     assert contact.pair == ("hand", "wall")
 
 
+@pytest.mark.parametrize("length_rad", [1e30, 1e100, 1e300])
+def test_an_edge_of_an_impossible_length_is_refused(length_rad):
+    """A client may send such an edge in a trajectory. Each part of the edge is halved until it is free."""
+    scene = Scene().without("post").with_object(box("lamp", 0.2, 0.0, 0.0, 3.0))
+    assert Collisions(planar(), scene).edge_contact(np.zeros(2), np.array([length_rad, 0.0])) is not None
+
+
 def test_a_wide_padding_applies_to_objects_and_not_between_links():
     """The planar arm is folded, with its tip near its own base."""
     folded = np.array([0.0, math.pi - 0.45])
