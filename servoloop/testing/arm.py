@@ -202,15 +202,15 @@ class VirtualArm:
         """Shut the arm down as ``servoloop up`` does. Later calls have no effect on the arm.
 
         Returns:
-            Report that lists the violations, the required invariants whose condition never occurred, and the faults.
-            The report is empty if there are no problems.
+            Report that lists the violations, a controller that has failed, the required invariants whose condition
+            never occurred, and the faults. The report is empty if there are no problems.
         """
         if self._up:
             self._up = False
             end_program(self.stack)
             self._watch.end()
         violated = [f"{one.invariant}: {one.text} (at {one.time_s:.3f} s)" for one in self.violations]
-        lines = [*violated, *self._chosen.idle(self.examined)]
+        lines = [*violated, *self._chosen.crash(self.stack), *self._chosen.idle(self.examined)]
         if lines and self._faults:
             lines.append(f"faults:\n{script_text(self._faults).rstrip()}")
         return "\n".join(lines)

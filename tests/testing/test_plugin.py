@@ -75,6 +75,13 @@ class Drift:
         return True
 
 
+class Crashing(Drift):
+    """Controller that fails in its first cycle."""
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        raise ZeroDivisionError("division by zero")
+
+
 def drifting(arm: VirtualArm) -> VirtualArm:
     """Replace the controller of the hand by ``Drift``."""
     arm.up()
@@ -162,6 +169,28 @@ def test_only_controllers_with_goals_accept_goals_and_cancel_their_own(virtual_a
         arm.cancel(GoalHandle(TrajectoryGoal((), ())))
 
 
+@pytest.mark.parametrize(
+    ("without", "report"),
+    [
+        ((), "no crash: the controller drift has failed: ZeroDivisionError: division by zero"),
+        (("no crash",), ""),
+    ],
+)
+def test_controller_that_crashes_is_reported(without: tuple[str, ...], report: str) -> None:
+    arm = VirtualArm({}, without=without).up()
+    arm.load_controller("drift", Crashing, joint="hand_right_joint")
+    arm.switch_controllers(activate=["drift"], deactivate=["hand_controller"])
+    arm.run(0.2)
+    assert arm.end() == report
+
+
+def test_controller_crash_that_was_injected_is_not_reported() -> None:
+    arm = VirtualArm({})
+    arm.plan("controller_raises at=0.1s for=0.1s")
+    arm.up().run(0.3)
+    assert arm.end() == ""
+
+
 def test_invariant_that_examined_nothing_is_reported_with_its_condition() -> None:
     arm = VirtualArm({}, also=(Never,), examined=("cancels are followed", "safe commands", "never"))
     arm.up()
@@ -194,6 +223,8 @@ def test_errors_explain_the_correction(virtual_arm: VirtualArm) -> None:
         VirtualArm({}, without=("safe wires",))
     with pytest.raises(ArmTestError, match="there is no invariant 'never': choose from safe wire"):
         VirtualArm({}, examined=("never",))
+    with pytest.raises(ArmTestError, match="'no crash' has no condition that a test could meet: remove it from"):
+        VirtualArm({}, examined=("no crash",))
     with pytest.raises(ArmTestError, match="'safe wire' is in both `without` and `examined`: remove the name from one"):
         VirtualArm({}, without=("safe wire",), examined=("safe wire",))
 
