@@ -64,6 +64,8 @@ class VirtualArm:
         self.state: JointState | None = None
         """Joint state of the last cycle."""
         self._faults: list[Event] = []
+        self._begun = False
+        """Whether ``up`` has been called and the arm has not been shut down yet."""
         self._up = False
         self._up_s = 0.0
         """Simulated time at which the arm became active, in seconds."""
@@ -105,6 +107,7 @@ class VirtualArm:
             DriverError, HalError: A fault prevents the activation.
         """
         self.stack.player.plan(self._faults)
+        self._begun = True
         self.stack.up()
         self._up, self._up_s = True, self.stack.world.time_s
         self.run(self.stack.loop.period_s)
@@ -205,8 +208,8 @@ class VirtualArm:
             Report that lists the violations, a controller that has failed, the required invariants whose condition
             never occurred, and the faults. The report is empty if there are no problems.
         """
-        if self._up:
-            self._up = False
+        if self._begun:
+            self._begun = self._up = False
             end_program(self.stack)
             self._watch.end()
         violated = [f"{one.invariant}: {one.text} (at {one.time_s:.3f} s)" for one in self.violations]

@@ -12,6 +12,8 @@ from controller.manager_errors import SwitchError
 from controller.parameters import Parameters
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
+from drivers.driver_errors import DriverError
+from hal.hal_errors import HalError
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants import Invariant
 from servoloop.testing.arm import ArmTestError, VirtualArm
@@ -23,6 +25,19 @@ class Never(Invariant):
 
     def on_state(self, state: JointState) -> None:
         self.say("it moved")
+
+
+class NeverActivated(Invariant):
+    """The program does not end before a cycle."""
+
+    name = "never activated"
+
+    def on_state(self, state: JointState) -> None:
+        self.examined += 1
+
+    def at_end(self) -> None:
+        if not self.examined:
+            self.say("the program ended before its first cycle")
 
 
 class DriftParameters(Parameters):
@@ -135,6 +150,16 @@ def test_violation_is_reported_with_its_time_and_the_faults(virtual_arm: Virtual
     assert report.startswith("never: it moved (at 0.") and "kind: noise" in report
     virtual_arm._watch.violations.clear()  # otherwise, the planted bug would also make this test fail
     assert virtual_arm.end() == ""
+
+
+def test_arm_that_was_not_activated_is_shut_down_and_checked() -> None:
+    arm = VirtualArm({}, also=(NeverActivated,))
+    arm.plan("silent id=3 since=start")
+    with pytest.raises((DriverError, HalError), match="servo 3"):
+        arm.up()
+    assert not arm.stack.ending
+    assert arm.end().startswith("never activated: the program ended before its first cycle (at ")
+    assert arm.stack.ending
 
 
 def test_invariants_check_goals_of_user_controllers(virtual_arm: VirtualArm) -> None:
