@@ -181,14 +181,22 @@ class VirtualArm:
         """Plan faults. Call this method before ``up``.
 
         The time of each fault is relative to ``up``, to the start of the program or to its end.
+
+        Raises:
+            ArmTestError: ``up`` has already been called.
         """
+        self._require_not_begun("plan")
         self._faults += map(parse, faults)
 
     def draw(self, count: int = 3, within_s: float = 5.0, kinds: Iterable[str] | None = None) -> None:
         """Plan random faults drawn from the arm's seed, as ``servoloop campaign`` does.
 
-        No fault occurs during the activation.
+        No fault occurs during the activation. Call this method before ``up``.
+
+        Raises:
+            ArmTestError: ``up`` has already been called.
         """
+        self._require_not_begun("draw")
         there = replace(self.stack.player.targets.inventory, start_s=None)
         self._faults += draw(self.seed or 0, there, within_s, count, None if kinds is None else tuple(kinds))
 
@@ -217,6 +225,12 @@ class VirtualArm:
         if lines and self._faults:
             lines.append(f"faults:\n{script_text(self._faults).rstrip()}")
         return "\n".join(lines)
+
+    def _require_not_begun(self, method: str) -> None:
+        if self._begun:
+            raise ArmTestError(
+                f"virtual_arm.{method}() has no effect after up(): call it before, or call virtual_arm.fault()"
+            )
 
     def _require_up(self) -> None:
         if not self._up:

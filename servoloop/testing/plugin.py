@@ -24,6 +24,14 @@ MARKERS = (
     "rtf(factor): run the ROS stack at this multiple of real time, or 'max'; the default is real time",
 )
 
+SUPPORTED = {
+    "virtual_arm": ("faults", "random_faults", "seeds", "invariants", "backlash_deg"),
+    "virtual_bus": ("faults", "seeds", "backlash_deg"),
+    "ros_stack": ("rtf",),
+}
+"""Markers that each fixture supports, in addition to ``virtual_arm``, and the argument ``backlash_deg`` of this
+marker."""
+
 INVARIANTS = ("also", "without", "examined")
 """Arguments of the ``invariants`` marker."""
 
@@ -60,6 +68,7 @@ def seed() -> int | None:
 def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["VirtualArm"]:
     """Yield an inactive virtual arm in simulated time. The test fails if an invariant is violated."""
     _require_simulation("virtual_arm")
+    _require_supported(request)
     from servoloop.testing.arm import VirtualArm
 
     node = request.node
@@ -86,6 +95,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Iterator[None]:
 def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any) -> Iterator["VirtualBusProcess"]:
     """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a separate process."""
     _require_simulation("virtual_bus")
+    _require_supported(request)
     from servoloop.testing.processes import VirtualBusProcess
 
     with VirtualBusProcess(_files(request.node), tmp_path, seed, **_arm(request.node)).running() as bus:
@@ -100,10 +110,10 @@ def ros_stack(request: pytest.FixtureRequest, tmp_path: Any) -> Iterator["RosSta
     uses."""
     pytest.importorskip("rclpy", reason="the ROS stack needs rclpy: pip install servoloop[ros], or source ROS 2 Jazzy")
     _require_simulation("ros_stack")
+    _require_supported(request)
     from servoloop.testing.processes import RosStack
 
-    marker = request.node.get_closest_marker("rtf")
-    with RosStack(_files(request.node), tmp_path, *(marker.args if marker else ())).running() as stack:
+    with RosStack(_files(request.node), tmp_path, _rtf(request.node)).running() as stack:
         yield stack
 
 
@@ -112,6 +122,18 @@ def _require_simulation(fixture: str) -> None:
 
     if sentence := missing_extras(f"the fixture {fixture}", "sim"):
         pytest.fail(sentence, pytrace=False)
+
+
+def _require_supported(request: pytest.FixtureRequest) -> None:
+    """Require that a fixture of the test supports each marker of the test. Raises UsageError."""
+    node, fixtures = request.node, [name for name in SUPPORTED if name in (*request.fixturenames, request.fixturename)]
+    used = [name for names in SUPPORTED.values() for name in names if node.get_closest_marker(name) is not None]
+    for name in (*used, *_arm(node)):
+        if not any(name in SUPPORTED[fixture] for fixture in fixtures):
+            others = " or ".join(fixture for fixture, names in SUPPORTED.items() if name in names)
+            raise pytest.UsageError(
+                f"`{name}` has no effect on {' and '.join(fixtures)}: remove `{name}`, or use the fixture {others}"
+            )
 
 
 def _files(node: pytest.Item) -> dict[str, Any]:
@@ -130,14 +152,32 @@ def _marker_options(node: pytest.Item) -> dict[str, Any]:
     if marker is None:
         return {}
     names = ("arm", "urdf", "robot", "controllers", "backlash_deg")
-    unknown = [name for name in marker.kwargs if name not in names]
-    if unknown or len(marker.args) > 1:
+    if unknown := [*map(repr, marker.args[1:]), *(name for name in marker.kwargs if name not in names)]:
         raise pytest.UsageError(f"virtual_arm accepts the arm and {', '.join(names[1:])}, not {', '.join(unknown)}")
     return {**dict(zip(names, marker.args, strict=False)), **marker.kwargs}
 
 
 def _texts(node: pytest.Item) -> list[str]:
-    return [text for marker in reversed(list(node.iter_markers("faults"))) for text in marker.args]
+    """Return the faults of all ``faults`` markers of a test."""
+    texts: list[str] = []
+    for marker in reversed(list(node.iter_markers("faults"))):
+        if marker.kwargs:
+            raise pytest.UsageError(
+                f"faults accepts only strings such as 'silent id=3', not {', '.join(marker.kwargs)}"
+            )
+        texts += marker.args
+    return texts
+
+
+def _rtf(node: pytest.Item) -> "float | str | None":
+    """Return the factor of the ``rtf`` marker, or None for real time."""
+    marker = node.get_closest_marker("rtf")
+    if marker is None:
+        return None
+    factors: list[float | str] = [*marker.args, *marker.kwargs.values()]
+    if len(factors) != 1 or marker.kwargs.keys() - {"factor"}:
+        raise pytest.UsageError("rtf needs one factor of real time, or 'max': write rtf(2.0) or rtf('max')")
+    return factors[0]
 
 
 def _invariants(node: pytest.Item) -> dict[str, Any]:

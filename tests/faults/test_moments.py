@@ -169,7 +169,11 @@ def test_user_tests_can_plan_faults_of_the_end() -> None:
     arm.plan("silent id=3 at=20ms since=end")
     arm.up()
     arm.run(0.2)
-    arm.draw(40)
-    assert "start" not in {event.since for event in arm._faults}
     assert arm.end() == ""
     assert [event.kind for event in arm.stack.player.happened] == ["silent"]
+
+
+def test_user_tests_draw_no_faults_of_the_start() -> None:
+    arm = VirtualArm({"arm": "robot_arm"})
+    arm.draw(40)
+    assert {event.since for event in arm._faults} == {"up", "end"}

@@ -16,6 +16,7 @@ from drivers.driver_errors import DriverError
 from hal.hal_errors import HalError
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants import Invariant
+from servoloop.testing import plugin
 from servoloop.testing.arm import ArmTestError, VirtualArm
 from sim_backend.faults.fault_error import FaultError
 
@@ -236,6 +237,10 @@ def test_errors_explain_the_correction(virtual_arm: VirtualArm) -> None:
     with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
         virtual_arm.fault("silent id=3")
     virtual_arm.up()
+    with pytest.raises(ArmTestError, match=r"plan\(\) has no effect after up\(\): call it before, or call"):
+        virtual_arm.plan("silent id=3")
+    with pytest.raises(ArmTestError, match=r"draw\(\) has no effect after up\(\): call it before, or call"):
+        virtual_arm.draw()
     with pytest.raises(ArmTestError, match="arm_controller has no joint 'elbow': choose from joint1"):
         virtual_arm.send_goal({"elbow": 0.0})
     with pytest.raises(ArmTestError, match="rejects the goal"):
@@ -285,6 +290,47 @@ def test_violated_invariants_fail_the_test_and_unknown_options_are_named(tmp_pat
     assert "invariants(without='safe wire') must be a list: ['safe wire']" in output
     assert "invariants accepts the lists also, without and examined, not 'safe wire'" in output
     assert "3 failed" in output and "4 errors" in output
+
+
+@pytest.mark.slow
+def test_markers_without_effect_are_refused(tmp_path: Path) -> None:
+    from tests.testing.test_docs import pytest_in
+
+    pytest.importorskip("rclpy")
+    (tmp_path / "test_it.py").write_text(
+        "import pytest\n\n"
+        "@pytest.mark.faults('silent id=3')\ndef test_stack(ros_stack): ...\n\n"
+        "@pytest.mark.seeds(1)\ndef test_seeds(ros_stack): ...\n\n"
+        "@pytest.mark.virtual_arm(backlash_deg=0.5)\ndef test_backlash(ros_stack): ...\n\n"
+        "@pytest.mark.random_faults(3)\ndef test_bus(virtual_bus): ...\n\n"
+        "@pytest.mark.invariants(without=['safe wire'])\ndef test_invariants(virtual_bus): ...\n\n"
+        "@pytest.mark.rtf('max')\ndef test_arm(virtual_arm): ...\n\n"
+        "@pytest.mark.rtf(speed=2.0)\ndef test_factor(ros_stack): ...\n\n"
+        "@pytest.mark.faults(text='silent id=3')\ndef test_text(virtual_arm): ...\n\n"
+        "@pytest.mark.virtual_arm('so101', 'robot.yaml')\ndef test_arguments(virtual_arm): ...\n\n"
+        "@pytest.mark.random_faults(3)\ndef test_one_supports_it(virtual_arm, virtual_bus): ...\n"
+    )
+    output = pytest_in(tmp_path).stdout
+    assert "1 passed" in output and "9 errors" in output
+    assert (
+        "`faults` has no effect on ros_stack: remove `faults`, or use the fixture virtual_arm or virtual_bus" in output
+    )
+    assert "`seeds` has no effect on ros_stack" in output and "`backlash_deg` has no effect on ros_stack" in output
+    assert (
+        "`random_faults` has no effect on virtual_bus: remove `random_faults`, or use the fixture virtual_arm" in output
+    )
+    assert "`invariants` has no effect on virtual_bus" in output and "`rtf` has no effect on virtual_arm" in output
+    assert "rtf needs one factor of real time, or 'max'" in output
+    assert "faults accepts only strings such as 'silent id=3', not text" in output
+    assert "virtual_arm accepts the arm and urdf, robot, controllers, backlash_deg, not 'robot.yaml'" in output
+
+
+@pytest.mark.parametrize(("marker", "factor"), [(pytest.mark.rtf("max"), "max"), (pytest.mark.rtf(factor=2.0), 2.0)])
+def test_factor_is_accepted_with_and_without_its_name(
+    request: pytest.FixtureRequest, marker: pytest.MarkDecorator, factor: object
+) -> None:
+    request.node.add_marker(marker)
+    assert plugin._rtf(request.node) == factor
 
 
 def test_plugin_imports_nothing_on_its_own(tmp_path: Path) -> None:
