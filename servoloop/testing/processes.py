@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -78,7 +78,7 @@ class _Process:
         self._folder = folder
 
     @contextmanager
-    def _run(self, verb: Sequence[str], ready: Path) -> Iterator[None]:
+    def _run(self, verb: Sequence[str], ready: Callable[[], bool]) -> Iterator[None]:
         with self.log.open("wb") as output:
             command = [sys.executable, "-m", "servoloop", *verb, *self._files]
             process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
@@ -93,10 +93,10 @@ class _Process:
                 process.kill()
                 process.wait()
 
-    def _wait_for(self, ready: Path, process: "subprocess.Popen[bytes]") -> None:
+    def _wait_for(self, ready: Callable[[], bool], process: "subprocess.Popen[bytes]") -> None:
         clock = MonotonicClock()
         deadline_s = clock.now() + START_S
-        while not ready.exists():
+        while not ready():
             if process.poll() is not None or clock.now() > deadline_s:
                 raise ProcessTestError(f"servoloop did not start:\n{self.log.read_text(errors='replace')}")
             clock.sleep_until(clock.now() + POLL_S)
@@ -117,10 +117,12 @@ class VirtualBusProcess(_Process):
     @contextmanager
     def running(self) -> Iterator[Self]:
         """Run the virtual servos within the context."""
-        from sim_backend.scene.world_feed import feed_path
-
-        with self._run(("emulate", self.port, *self._seed, *self._backlash), feed_path(Path(self.port))):
+        with self._run(("emulate", self.port, *self._seed, *self._backlash), self._ready):
             yield self
+
+    def _ready(self) -> bool:
+        """Return whether the emulator has printed that clients can open its buses."""
+        return any(line.startswith(b"ready: ") for line in self.log.read_bytes().splitlines())
 
     def fault(self, text: str) -> None:
         """Inject a fault such as ``silent id=3 for=2s``. Raises ValueError if the fault is not supported."""
@@ -143,5 +145,8 @@ class RosStack(_Process):
         """Run the stack within the context. Nodes and processes created by the test can reach the stack."""
         ready = self._folder / "ready"
         settings = {"ROS_LOG_DIR": str(self._folder / "ros_log")}
-        with own_domain(settings) as self.domain, self._run(("up", "--ready-file", str(ready), *self._rtf), ready):
+        with (
+            own_domain(settings) as self.domain,
+            self._run(("up", "--ready-file", str(ready), *self._rtf), ready.exists),
+        ):
             yield self

@@ -18,6 +18,7 @@ from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants import Invariant
 from servoloop.testing import plugin
 from servoloop.testing.arm import ArmTestError, VirtualArm
+from servoloop.testing.processes import ProcessTestError, VirtualBusProcess
 from sim_backend.faults.fault_error import FaultError
 
 
@@ -331,6 +332,14 @@ def test_factor_is_accepted_with_and_without_its_name(
 ) -> None:
     request.node.add_marker(marker)
     assert plugin._rtf(request.node) == factor
+
+
+def test_virtual_bus_is_not_ready_before_its_port_can_be_opened(tmp_path: Path) -> None:
+    """The emulator creates the socket of its scene before its port."""
+    bus = VirtualBusProcess({"arm": "no such arm"}, tmp_path)
+    (tmp_path / "bus.world").touch()
+    with pytest.raises(ProcessTestError, match="no such arm"), bus.running():
+        pass
 
 
 def test_plugin_imports_nothing_on_its_own(tmp_path: Path) -> None:
