@@ -39,7 +39,11 @@ class PtyLink:
         os.set_blocking(self._master, False)
         self.baud = baud
         self._target = os.ttyname(self._slave)
-        os.symlink(self._target, link)
+        try:
+            os.symlink(self._target, link)
+        except OSError as error:
+            self.close()
+            raise PortError(f"cannot create {link}: {error.strerror}") from error
 
     def _make_room(self) -> None:
         link = self.link
@@ -88,8 +92,9 @@ class PtyLink:
 
     def close(self) -> None:
         """Close the pseudo-terminal, and remove the link if it has not been replaced since it was created."""
-        if self.link.is_symlink() and os.readlink(self.link) == self._target:
-            self.link.unlink()
+        with contextlib.suppress(OSError):  # If the folder has become read-only, the link remains and leads nowhere.
+            if self.link.is_symlink() and os.readlink(self.link) == self._target:
+                self.link.unlink()
         os.close(self._master)
         os.close(self._slave)
 
@@ -116,12 +121,12 @@ class PtyAdapter:
             self.line = None
 
     def plug(self, name: str | None = None) -> None:
-        """Plug in the adapter at its own link, or in the same folder as ``name``. If the path is already in use, the
-        adapter stays unplugged."""
+        """Plug in the adapter at its own link, or in the same folder as ``name``. If the path is already in use or
+        impossible, the adapter stays unplugged."""
         self.unplug()
         try:
             self.line = PtyLink(self.link if name is None else self.link.with_name(name))
-        except PortError as error:
+        except (PortError, OSError, ValueError) as error:
             LOG.error("the adapter cannot be plugged in again: %s", error)
 
     @property

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from random import Random
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
@@ -152,6 +153,13 @@ class AdapterUnplugged(OfBus, Lasting):
     back_as: str | None = None
     """Name of the adapter when it is plugged in again; None for the same name."""
 
+    @field_validator("back_as")
+    @classmethod
+    def _named(cls, name: str | None) -> str | None:
+        if name == "":
+            raise ValueError("must not be empty: omit it to keep the name of the adapter")
+        return name
+
     @model_validator(mode="after")
     def _comes_back(self) -> Self:
         if self.back_as is not None and self.for_s is None:
@@ -162,6 +170,11 @@ class AdapterUnplugged(OfBus, Lasting):
         super().refuse(there)
         if not there.adapters:
             raise FaultError("there is no adapter to unplug: the bus is connected directly to this program")
+        if not there.stack and self.back_as is not None and not _is_file_name(self.back_as):
+            raise FaultError(
+                "an emulator plugs its adapter in again in the same folder: set `as` to a file name, such as another, "
+                f"not {self.back_as!r}"
+            )
 
     @contextmanager
     def acting(self, targets: FaultTargets) -> Iterator[None]:
@@ -181,6 +194,10 @@ class AdapterUnplugged(OfBus, Lasting):
         parameters = super().draw_parameters(random, there)
         other = random.choice([None, "another"]) if parameters["for_s"] else None
         return {**parameters, "back_as": other}
+
+
+def _is_file_name(name: str) -> bool:
+    return Path(name).name == name and name != ".."
 
 
 class ForeignPackets(OfServo, Lasting):

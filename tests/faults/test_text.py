@@ -6,11 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.servos.sts import STS3215
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
 from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.script import read_script, script_text
 from sim_backend.faults.servos import Silent
+from sim_backend.faults.targets import Inventory
 from sim_backend.faults.text import parse, text_of
 from tests.faults.strategies import events
 
@@ -66,6 +68,7 @@ def test_a_text_is_parsed(text: str, event: Event) -> None:
         ("weak_supply", ["a weak supply needs voltage_v, resistance_ohm, or both"]),
         ("slipped_horn id=3 counts=0", ["counts: a slip of 0 counts has no effect"]),
         ("adapter_unplugged as=ttyACM1", ["needs for_s"]),
+        ("adapter_unplugged for=1s as=", ["as: must not be empty: omit it to keep the name of the adapter"]),
         ("lost_replies chance=1.5", ["chance: must be at most 1, not '1.5'"]),
     ],
 )
@@ -82,6 +85,14 @@ def test_all_mistakes_of_a_file_are_reported_with_their_lines(tmp_path: Path) ->
     with pytest.raises(FaultError) as refused:
         read_script(path)
     assert [line.split(": ")[0] for line in str(refused.value).splitlines()] == [f"{path}:{n}" for n in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("name", ["/dev/ttyACM1", "folder/bus", ".", ".."])
+def test_an_emulator_refuses_a_new_name_outside_its_folder(name: str) -> None:
+    event = parse(f"adapter_unplugged for=1s as={name}")
+    event.refuse(Inventory({"": {1: STS3215}}))
+    with pytest.raises(FaultError, match=f"set `as` to a file name, such as another, not '{name}'"):
+        event.refuse(Inventory({"": {1: STS3215}}, stack=False))
 
 
 @pytest.mark.parametrize("content", ["", "silent", "{kind: silent}", "- [silent]"])

@@ -18,7 +18,7 @@ from drivers.clock import MonotonicClock
 from drivers.driver_errors import PortBusy, PortError
 from drivers.servos import sts
 from sim_backend.buses.feetech import VirtualBus
-from sim_backend.buses.pty_link import PtyLink
+from sim_backend.buses.pty_link import PtyAdapter, PtyLink
 from sim_backend.clock import SimulatedClock
 from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
 from sim_backend.mechanics.plant import BenchPlant
@@ -163,6 +163,17 @@ def test_a_link_that_was_replaced_meanwhile_is_not_removed(tmp_path: Path) -> No
         link.unlink()
         link.write_text("mine")
     assert link.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["folder/bus", ".", "..", "x" * 300], ids=["slash", "dot", "dots", "long"])
+def test_an_adapter_stays_unplugged_if_its_new_name_is_impossible(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str
+) -> None:
+    with PtyAdapter(tmp_path / "bus") as adapter:
+        adapter.plug(name)
+        assert adapter.line is None and "the adapter cannot be plugged in again: " in caplog.text
+        adapter.plug()
+        assert adapter.line is not None
 
 
 def test_the_line_accepts_any_baud_rate(tmp_path: Path) -> None:
