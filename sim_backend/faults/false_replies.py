@@ -1,7 +1,7 @@
 """False values in replies with a correct checksum. By chance, one in 256 corrupted replies has a valid checksum."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from random import Random
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -79,7 +79,9 @@ class FalsePosition(_FalseReplies):
         def falsify(address: int, size: int, data: bytes) -> bytes:
             true = servo.memory.get(register)
             further = true + self.counts
-            value = further if further in register.fitting else true - self.counts
+            fitting = register.fitting
+            value = further if further in fitting else true - self.counts
+            value = min(max(value, fitting.start), fitting.stop - 1)
             false = _with(servo, register, value, (address, size))
             return false if false != data and due() else data  # Equal data means that the reply has no position.
 
@@ -144,7 +146,8 @@ def _with(servo: Any, register: Register, value: int, part: tuple[int, int]) -> 
     """Return a segment (address, size) of the servo's control table as if the register had this value."""
     memory = servo.memory
     true = memory.get(register)
-    memory.put(register, value)
+    with suppress(LookupError):  # A false baud_rate may be no rate. Its bytes are in the table nevertheless.
+        memory.put(register, value)
     data: bytes = memory.read(*part)
     memory.put(register, true)
     return data

@@ -5,12 +5,19 @@ from collections import Counter
 import pytest
 
 from drivers.servos import ax_mx, scs, sts, x, xl320
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import PROTOCOL_2
 from drivers.servos.register import ServoModel
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.feetech import VirtualBus
 from sim_backend.faults.draw import draw
 from sim_backend.faults.false_replies import READ_IN_CYCLES, FalseValue
 from sim_backend.faults.fault_error import FaultError
-from sim_backend.faults.targets import Inventory
+from sim_backend.faults.player import FaultPlayer
+from sim_backend.faults.tables import register_of
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.faults.text import parse
+from sim_backend.mechanics.plant import BenchPlant
 from tests.faults.rig import FaultRig, told
 
 MODELS = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.XL330_M288, xl320.XL320)
@@ -81,6 +88,30 @@ def test_a_value_is_false_once_in_each_n_th_reply_or_always(arm: str, text: str,
     rig.endure(1.0)
     assert abs(seen.count(66.0) - false_cycles) <= 1
     assert seen[-1] < 60.0
+
+
+@pytest.mark.parametrize(
+    "text", ["false_value id=1 register=baud_rate value=200", "false_position id=1 counts=1000000"]
+)
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_the_servo_reports_every_value_and_then_works_as_before(model: ServoModel, text: str) -> None:
+    protocol, plant = series_of(model).protocol, BenchPlant([1])
+    line = VirtualDynamixelBus.of(plant, {1: model}) if protocol is PROTOCOL_2 else VirtualBus.of(plant, model)
+    line.advance(0.0)
+    event, player = parse(text), FaultPlayer(FaultTargets({"": line}))
+    register = register_of(model, getattr(event, "register_name", "present_position"))
+    request = protocol.packets.packet(1, 2, protocol.packets.span(register.address, register.size))
+
+    def reported() -> list[bytes]:
+        return [reply.data for reply in line.receive(request, 0.0)]
+
+    true = reported()
+    player.play([event])
+    player.begin_due(0.0)
+    false = reported()
+    assert len(false) == 1 and false != true
+    player.cancel(lambda _: True)
+    assert reported() == true
 
 
 def test_a_false_status_is_sent_in_the_error_byte() -> None:
