@@ -26,6 +26,8 @@ class Pushable(Protocol):
     @property
     def timestep_s(self) -> float: ...
 
+    def push(self, joint: str, effort: float) -> None: ...
+
 
 @dataclass(slots=True)
 class GrippingJoint:
@@ -62,7 +64,7 @@ class SceneHand:
         """Release the given joints (by default, all joints)."""
         for joint in joints or list(self._grips):
             self._grips.pop(joint, None)
-            self._world.data.joint(joint).qfrc_applied = 0.0
+            self._world.push(joint, 0.0)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -94,7 +96,7 @@ class SceneHand:
         data = self._world.data.joint(joint)
         behind = (grip.reference - float(data.qpos[0])) / grip.reach
         torque_nm = STIFFNESS_NM_RAD * behind - DAMPING_NM_S * float(data.qvel[0]) / grip.reach
-        data.qfrc_applied = max(-STRONGEST_NM, min(torque_nm, STRONGEST_NM)) / grip.reach
+        self._world.push(joint, max(-STRONGEST_NM, min(torque_nm, STRONGEST_NM)) / grip.reach)
 
 
 def _position(value: Any) -> float:

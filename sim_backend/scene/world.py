@@ -9,6 +9,7 @@ A scene needs one actuator for each driven joint, with the same name as the join
 `ready` and `rest`, and all elements that `sim_backend.scene.cube_cell` lists.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -64,6 +65,8 @@ class World:
         self._gears: JointGears | None = None
         self._built_armature: dict[int, float] = {}
         """Original armature of blocked degrees of freedom."""
+        self._loads, self._pushes = defaultdict[str, float](float), defaultdict[str, float](float)
+        """External load on each joint, and effort of a person's hand on it, in N m or N."""
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
         self._scene, self._gaps = scene or SCENE, backlash or {}
         self._tray: Tray | None = None
@@ -185,7 +188,13 @@ class World:
 
     def load(self, joint: str, effort: float) -> None:
         """Add ``effort`` (N m, or N) to the external load on a joint."""
-        self.data.joint(joint).qfrc_applied += effort
+        self._loads[joint] += effort
+        self.push(joint, self._pushes[joint])
+
+    def push(self, joint: str, effort: float) -> None:
+        """Set the effort (N m, or N) of a person's hand on a joint. The effort acts in addition to the load."""
+        self._pushes[joint] = effort
+        self.data.joint(joint).qfrc_applied = self._loads[joint] + effort
 
     def hold_until_driven(self) -> None:
         """Hold the arm still until an effort acts on it, as a person supports a real arm at power-on.

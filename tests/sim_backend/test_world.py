@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sim_backend.scene.hand import SceneHand
 from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import JOINTS, READY
 
@@ -112,6 +113,24 @@ def test_the_cube_is_touched_when_the_fingers_close_on_it():
     for _ in range(100):
         world.step([0, 0, 0, 0, 0, 0, 40.0])
     assert world.cell.cube_touched()
+
+
+@pytest.mark.parametrize("released_first", [True, False])
+def test_a_hand_and_a_load_act_together_and_leave_nothing_behind(released_first):
+    world = World()
+    hand, joint = SceneHand(world, {"joint2": 1.0}), world.data.joint("joint2")
+    hand.move("joint2", 1.0)
+    hand.update()
+    world.load("joint2", 4.0)
+    hand.update()
+    held = float(joint.qfrc_applied[0]) - 4.0
+    assert 0.0 < held < 0.2
+    ends = [hand.release, lambda: world.load("joint2", -4.0)]
+    first, last = ends if released_first else reversed(ends)
+    first()
+    assert joint.qfrc_applied[0] == pytest.approx(4.0 if released_first else held)
+    last()
+    assert joint.qfrc_applied[0] == 0.0
 
 
 def test_the_same_efforts_give_the_same_world():
