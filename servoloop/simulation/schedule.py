@@ -10,7 +10,7 @@ from hal.plausible import Backlash, Position, Seed, Time
 from hal.robot_file.robot_file import ExitPolicy
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
-from servoloop.simulation.acts import Act
+from servoloop.simulation.acts import Act, GuideArm, SocketAct
 from servoloop.stack.arm_folders import arm_in
 from servoloop.stack.shipped_files import OWN
 from sim_backend.faults.event import Event
@@ -49,14 +49,16 @@ def read_schedule(path: Path) -> Schedule:
     """Read a schedule from a YAML file.
 
     Raises:
-        ScheduleError: The file has errors, or a fault or action starts after the end of the run.
+        ScheduleError: The file has errors, a fault or action starts after the end of the run, or the arm would be in
+            two freedrives.
         ArmFileError: The arm does not exist.
     """
     schedule = load(path, Schedule, ScheduleError)
     arm_in(path, schedule.arm)
-    if late := after_the_end(schedule):
+    late = [((*place, "at_s"), text) for place, text in after_the_end(schedule)]
+    if wrong := (*late, *_second_freedrives(schedule)):
         file = compose(path, ScheduleError)
-        raise ScheduleError("\n".join(f"{file.place((*place, 'at_s'))}: {text}" for place, text in late))
+        raise ScheduleError("\n".join(f"{file.place(place)}: {text}" for place, text in wrong))
     return schedule
 
 
@@ -77,6 +79,18 @@ def _late(one: FaultEvent | Act, end_s: float) -> str:
     if isinstance(one, Event):
         return f"{text}, increase `seconds`, or use `since: end`"
     return f"{text}, or increase `seconds`"
+
+
+def _second_freedrives(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
+    """Return the key and a message for each freedrive of a schedule whose programs on the command socket have their
+    own freedrive."""
+    if not any(isinstance(act, SocketAct) for act in schedule.clients):
+        return []
+    text = (
+        "guide cannot be combined with actions on the command socket, because the freedrive of a stack belongs to the "
+        "programs on this socket: use socket_request with `op: freedrive`, or remove the actions on the socket"
+    )
+    return [(("clients", n), text) for n, act in enumerate(schedule.clients) if isinstance(act, GuideArm)]
 
 
 def schedule_text(schedule: Schedule) -> str:

@@ -40,6 +40,19 @@ def test_a_fault_after_the_end_of_a_run_without_jobs_is_refused(tmp_path: Path) 
     assert len(read_schedule(written(tmp_path, f"seconds: 2\njob: [A]\nfaults:\n{late}")).faults) == 3
 
 
+def test_freedrive_of_a_client_besides_programs_on_the_command_socket_is_refused(tmp_path: Path) -> None:
+    guide = "seconds: 2\nclients:\n- {kind: cancel, at_s: 0.1}\n- {kind: guide, joint: joint1, share: 0.5, at_s: 0.1}\n"
+    path = written(tmp_path, f"{guide}- {{kind: socket_request, op: state, at_s: 0.2}}\n")
+    with pytest.raises(ScheduleError) as refused:
+        read_schedule(path)
+    assert str(refused.value) == (
+        f"{path}:4: guide cannot be combined with actions on the command socket, because the freedrive of a stack "
+        "belongs to the programs on this socket: use socket_request with `op: freedrive`, or remove the actions on the "
+        "socket"
+    )
+    assert len(read_schedule(written(tmp_path, guide)).clients) == 2
+
+
 def test_minimizing_yields_only_schedules_that_can_be_read(tmp_path: Path) -> None:
     faults = (parse("silent id=3 at=1s"), parse("echo at=5s"))
     left = shrink(Schedule(seconds=2.0, job=("A",), faults=faults), lambda one: len(one.faults) == 2)
