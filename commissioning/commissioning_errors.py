@@ -13,6 +13,11 @@ class CalibrationError(Exception):
     """The calibration cannot be completed. The message tells the user what to do."""
 
 
+def text_with_notes(error: BaseException) -> str:
+    """Return the message of an exception, followed by its notes."""
+    return "; ".join([str(error), *getattr(error, "__notes__", ())])
+
+
 SMALLEST_BAUD: Final = 1_200
 """Minimum accepted baud rate, below the lowest rate of any servo."""
 LARGEST_BAUD: Final = 12_000_000

@@ -37,7 +37,11 @@ SINK_STEP_S: Final = 0.4
 
 
 class StoppedError(DriverError):
-    """The user stopped the arm, or one of its servos failed."""
+    """The user stopped the arm."""
+
+
+class ServoFailedError(StoppedError):
+    """A servo failed, so the arm stopped."""
 
 
 class SlowArm:
@@ -106,13 +110,21 @@ class SlowArm:
             raise
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Lower the arm gradually and disable its torque. Raises StoppedError if torque may still be enabled."""
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        """Lower the arm gradually and disable its torque.
+
+        If torque may still be enabled, a note is added to the exception that ended the block. If there is no exception,
+        or if the user stopped the arm, StoppedError is raised instead, because the message of a stop states that the
+        torque is off.
+        """
         try:
             if self.relax:
                 self._sink()
             if problems := self._hardware.deactivate(self.relax):
-                raise StoppedError("torque may still be on: " + "; ".join(problems))
+                text = "torque may still be on: " + "; ".join(problems)
+                if not isinstance(error, Exception) or type(error) is StoppedError:
+                    raise StoppedError(text)
+                error.add_note(text)
         finally:
             self._hardware.cleanup()
 
@@ -189,7 +201,7 @@ class SlowArm:
         self.asked_s = self._clock.now()
         self._state = self._hardware.read()
         if fault := self._fault_timeout.lasting(self._state.faults, self.period_s):
-            raise StoppedError(fault)
+            raise ServoFailedError(fault)
 
     def _sink(self) -> None:
         """Reduce the torque limits step by step.

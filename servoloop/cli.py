@@ -149,9 +149,9 @@ def main() -> None:
         _run()
 
 
-def _complain(error: Exception) -> None:
+def _complain(error: Exception, color: str | None = "red") -> None:
     for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
-        print_styled(printable(text), err=True, fg="red")
+        print_styled(printable(text), err=True, fg=color)
 
 
 def _run() -> None:
@@ -166,5 +166,5 @@ def _run() -> None:
         _complain(missing)
         raise SystemExit(1) from None
     except Interrupted as error:
-        typer.echo(printable(f"servoloop: {error}"), err=True)
+        _complain(error, color=None)
         raise SystemExit(INTERRUPTED) from None

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from commissioning.commissioning_errors import text_with_notes
 from commissioning.doctor.findings import Finding
 from commissioning.doctor.measure import OpenPort
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot
@@ -64,7 +65,7 @@ class SmallMotions:
             for bus in snapshot.buses:
                 motions += self._bus(bus, [servo.joint for servo in servos])
         except (DriverError, HalError) as error:
-            return tuple(motions), str(error)
+            return tuple(motions), text_with_notes(error)
         return tuple(motions), ""
 
     def _bus(self, bus: BusSnapshot, all_joints: Sequence[Joint]) -> list[TrialMotion]:

@@ -187,6 +187,7 @@ def _question(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", 
 
 
 def _tuned(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", signals: "Signals") -> "TuneReport":
+    from commissioning.commissioning_errors import text_with_notes
     from commissioning.slow_arm import StoppedError
     from commissioning.tune.report import tune as run
     from servoloop.stack.processes import Interrupted
@@ -195,7 +196,7 @@ def _tuned(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", sig
         return run(tuner, request.at, gains, request.apply)
     except StoppedError as error:
         if signals.count:
-            raise Interrupted("; ".join([str(error), *getattr(error, "__notes__", ())])) from None
+            raise Interrupted(text_with_notes(error)) from None
         raise
 
 

@@ -10,7 +10,7 @@ from commissioning.calibrate.result import travel_warnings, turns_freely
 from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.bus.bus import Bus
-from drivers.driver_errors import DriverError, PortMissing
+from drivers.driver_errors import DriverError, PortLost, PortMissing
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
 from hal.joint import Joint
@@ -124,8 +124,9 @@ def test_an_unplugged_adapter_is_reported_with_a_torque_warning() -> None:
         return False
 
     arm.open_bus = opened  # type: ignore[method-assign]
-    with pytest.raises(StoppedError, match="torque may still be on") as lost:
+    with pytest.raises(PortLost, match="unplugged") as lost:
         by_itself(arm, stopped=pull).run()
+    assert "torque may still be on: virtual was unplugged" in lost.value.__notes__[0]
     assert (
         "the servos could not be restarted: it is not there. Switch their supply off and on" in lost.value.__notes__[-1]
     )

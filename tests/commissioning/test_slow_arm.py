@@ -2,6 +2,7 @@
 
 import pytest
 
+from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import PERIOD_S, SlowArm, StoppedError
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
@@ -51,3 +52,23 @@ def test_a_servo_that_stays_silent_stops_the_arm(model: ServoModel) -> None:
         go(bench, 0.0, 2.0)
     torque = series_of(model).torque_enable
     assert not any(servo.memory.get(torque) for servo in bench.line.servos)
+
+
+def test_an_error_is_kept_if_the_torque_of_a_servo_may_still_be_on() -> None:
+    bench = Interrupted(sts.STS3215)
+    with pytest.raises(CalibrationError, match="joint1") as kept, SlowArm(lambda: bench.bus, bench.joints, bench.clock):
+        bench.silence(0.0, 100.0)
+        raise CalibrationError("joint1 (servo 1) is blocked")
+    assert kept.value.__notes__[0].startswith("torque may still be on: servo 2")
+
+
+def test_the_message_of_a_stop_does_not_promise_that_all_torque_is_off() -> None:
+    bench = Interrupted(sts.STS3215)
+    stopped = False
+    with (
+        pytest.raises(StoppedError, match=r"^torque may still be on: servo 2"),
+        SlowArm(lambda: bench.bus, bench.joints, bench.clock, lambda: stopped) as arm,
+    ):
+        bench.silence(0.0, 100.0)
+        stopped = True
+        arm.rest(1.0)

@@ -14,6 +14,7 @@ import pytest
 from servoloop import cli
 from servoloop.commands.up import write_ready
 from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.processes import Interrupted
 from servoloop.stack.shipped_files import CONFIG, CONTROLLERS, URDF
 from sim_backend.scene.world_feed import feed_path
 from tests.complaint import complaint
@@ -272,3 +273,19 @@ def test_a_simulation_without_a_trajectory_controller_is_refused(
     (folder / "controllers.yaml").write_text("controller_manager: {ros__parameters: {update_rate: 20}}")
     said = complaint(capsys, monkeypatch, "simulate", "--arm", f"{folder}/", "--seconds", "0")
     assert "controllers.yaml:1: simulated motions require a joint_trajectory_controller/" in said
+
+
+def test_the_notes_of_an_interruption_are_printed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted = Interrupted("interrupted; nothing was stored")
+    interrupted.add_note("torque may still be on: servo 2")
+
+    def app() -> None:
+        raise interrupted
+
+    monkeypatch.setattr(cli, "app", app)
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    assert exit_.value.code == cli.INTERRUPTED
+    assert capsys.readouterr().err == "servoloop: interrupted; nothing was stored\ntorque may still be on: servo 2\n"
