@@ -4,8 +4,8 @@ Only STS servos support this. The servos' position limits are disabled in RAM du
 locked). The encoder's seam may therefore be anywhere in the travel. Restarting the servos restores the limits.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from math import ceil, floor
@@ -17,7 +17,7 @@ from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import FoundZero, JointCalibration, calibration_of, turns_freely, unit
 from commissioning.calibrate.stop_search import StopSearch
 from commissioning.calibrate.store import restart
-from commissioning.commissioning_errors import CalibrationError
+from commissioning.commissioning_errors import CalibrationError, CommissioningError, text_with_notes
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
@@ -72,7 +72,7 @@ class ByItself:
     def run(self) -> dict[str, JointCalibration]:
         """Find all stops and directions, then return the arm to its start position and disable torque.
 
-        Raises CalibrationError or StoppedError.
+        Raises CalibrationError, StoppedError or DriverError.
         """
         self._require_able()
         with closing(self._open_bus()) as bus:
@@ -82,20 +82,8 @@ class ByItself:
             restart(bus, self._joints, self._clock)  # The servos then count goals from the turn that they report.
             here = _readings(bus, self._joints)
             offsets = {j.name: retry(partial(bus.read, j.servo_id, sts.homing_offset)) for j in self._joints}
-            self._limits_off(bus)
-        try:
-            found = self._found(here, offsets)
-        except BaseException as error:
-            try:
-                self._restart()
-            except DriverError as second:  # The first error is more important.
-                error.add_note(
-                    "the position limits in the servos are still disabled, because the servos could not be restarted: "
-                    f"{second}. Switch their supply off and on to restore the limits"
-                )
-            raise
-        self._restart()
-        return found
+        with self._without_limits():
+            return self._found(here, offsets)
 
     def _require_able(self) -> None:
         """Raise CalibrationError if a joint cannot be driven to its stops, or has neither stops nor a pose."""
@@ -107,17 +95,38 @@ class ByItself:
             )
         require_poses(self._joints, self._plan.joints)
 
+    @contextmanager
+    def _without_limits(self) -> Iterator[None]:
+        """Disable the position limits in the servos until the context ends, even if it ends with an error."""
+        try:
+            with closing(self._open_bus()) as bus:
+                self._limits_off(bus)
+            yield
+        except BaseException as error:
+            try:
+                self._restart()
+            except DriverError as second:  # The first error is more important.
+                error.add_note(str(second))
+            raise
+        self._restart()
+
     def _restart(self) -> None:
-        """Restart the servos, so that the values in their EEPROM take effect again."""
-        with closing(self._open_bus()) as bus:
-            restart(bus, self._joints, self._clock)
+        """Restart the servos, so that the values in their EEPROM take effect again. Raises CommissioningError."""
+        try:
+            with closing(self._open_bus()) as bus:
+                restart(bus, self._joints, self._clock)
+        except DriverError as error:
+            raise CommissioningError(
+                "the position limits in the servos may still be disabled, because the servos could not be restarted: "
+                f"{text_with_notes(error)}. Switch their supply off and on to restore the limits"
+            ) from error
 
     def _limits_off(self, bus: Bus) -> None:
         for joint in self._joints:
-            if bus.read(joint.servo_id, sts.lock) != 1:
-                bus.write(joint.servo_id, sts.lock, 1)
+            if retry(partial(bus.read, joint.servo_id, sts.lock)) != 1:
+                retry(partial(bus.write, joint.servo_id, sts.lock, 1))
             for register in (sts.min_position, sts.max_position):
-                bus.write(joint.servo_id, register, 0)
+                retry(partial(bus.write, joint.servo_id, register, 0))
 
     def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
         """Perform all measurements that require torque to be enabled. Return the calibration of each joint."""

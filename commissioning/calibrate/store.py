@@ -1,6 +1,6 @@
 """Store a calibration: write the file, then write the homing offsets to the servos, then restart the servos."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -14,6 +14,7 @@ from commissioning.commissioning_errors import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.clock import Clock
+from drivers.driver_errors import ServoError
 from drivers.eeprom import Change
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
@@ -142,19 +143,38 @@ def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str
 def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     """Restart servos whose torque is off, so that they discard the turns that they counted while the arm was moved.
 
-    Otherwise, a servo that was turned across its seam would move by a whole turn at its next goal.
+    Otherwise, a servo that was turned across its seam would move by a whole turn at its next goal. A servo that does
+    not respond does not prevent the restart of the other servos. Raises ServoError, with a note for each further servo
+    that does not respond.
     """
     turned = [joint for joint in joints if can_move_seam(joint.model)]
-    for joint in turned:
-        retry(partial(bus.reboot, joint.servo_id))
+    failed = _failed(lambda joint: retry(partial(bus.reboot, joint.servo_id)), turned)
     if turned:
         clock.sleep_until(clock.now() + RESTART_S)
-    for joint in turned:
-        retry(lambda servo_id=joint.servo_id: bus.ping(servo_id))  # type: ignore[misc]
-        if series_of(joint.model) is X:
-            bus.identify(
-                joint.servo_id, joint.model
-            )  # This also tells the bus the operating mode, on which the counts depend.
+    failed |= _failed(partial(_require_restarted, bus), [joint for joint in turned if joint.name not in failed])
+    if failed:
+        first, *others = failed.values()
+        for other in others:
+            first.add_note(str(other))
+        raise first
+
+
+def _failed(action: Callable[[Joint], None], joints: Sequence[Joint]) -> dict[str, ServoError]:
+    """Perform an action for each joint. Return the errors, keyed by joint name."""
+    errors: dict[str, ServoError] = {}
+    for joint in joints:
+        try:
+            action(joint)
+        except ServoError as error:
+            errors[joint.name] = error
+    return errors
+
+
+def _require_restarted(bus: Bus, joint: Joint) -> None:
+    """Raise ServoError if a servo does not respond after its restart."""
+    retry(partial(bus.ping, joint.servo_id))
+    if series_of(joint.model) is X:
+        bus.identify(joint.servo_id, joint.model)  # This also tells the bus the operating mode, on which counts depend.
 
 
 def _readings(bus: Bus, joints: Sequence[Joint], clock: Clock) -> dict[int, Reading]:

@@ -132,6 +132,20 @@ def test_an_unplugged_adapter_is_reported_with_a_torque_warning() -> None:
     )
 
 
+def test_an_error_while_the_limits_are_disabled_restarts_the_servos() -> None:
+    arm = UnalignedArm(1)
+    memories = {servo.servo_id: servo.memory for servo in arm.line.servos}
+
+    def hears(servo_id: int) -> bool:
+        return servo_id != 5 or memories[4].get(sts.max_position) != 0
+
+    arm.line.faults.on_instruction.append(hears)
+    with pytest.raises(DriverError, match="servo 5") as silent:
+        by_itself(arm).run()
+    assert is_limp_with_its_limits(arm)
+    assert not hasattr(silent.value, "__notes__"), "no warning that limits are disabled"
+
+
 def test_unsupported_servos_are_named_before_any_motion() -> None:
     arm = UnalignedArm(1)
     joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]

@@ -10,7 +10,7 @@ import pytest
 
 from commissioning.calibrate.result import JointCalibration
 from commissioning.calibrate.run import check
-from commissioning.calibrate.store import store
+from commissioning.calibrate.store import restart, store
 from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.driver_errors import DriverError, PortLost, ServoError
@@ -198,3 +198,13 @@ def test_a_servo_may_be_silent_for_a_moment_while_a_calibration_is_stored(robot:
         assert [servo.memory.get(offset) for servo in bench.line.servos] == [300] * len(bench.joints)
         if bench.packets <= packet:
             break
+
+
+def test_a_silent_servo_does_not_prevent_the_restart_of_the_others() -> None:
+    bench = Interrupted(x.XL430_W250)
+    for servo in bench.line.servos:
+        servo.memory.put(x.torque_enable, 1)
+    bench.silence(0.0, 100.0)
+    with pytest.raises(ServoError, match="servo 2"):
+        restart(bench.bus, bench.joints, bench.clock)
+    assert [servo.memory.get(x.torque_enable) for servo in bench.line.servos] == [0, 1, 0]
