@@ -6,10 +6,10 @@ from typing import Annotated, Final
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from commissioning.atomic_write import make_folder
+from servoloop.commands.shared.console import text_console
 from servoloop.extras import missing_extras, require_extras
 from servoloop.stack.arm_folders import PATHS, ArmFolder, arms, find_arm, read_arm
 from servoloop.stack.terminal import print_styled
@@ -33,14 +33,14 @@ def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
     if as_json:
         typer.echo(json.dumps([_content(arm) for arm in found], indent=2))
     else:
-        print_table(found, Console())
+        print_table(found, text_console())
 
 
 def print_table(found: list[ArmFolder], console: Console) -> None:
     """Print the arms as a table."""
     table = Table("arm", "description", "license")
     for arm in found:
-        table.add_row(arm.name, escape(arm.file.description), arm.file.license)
+        table.add_row(arm.name, arm.file.description, arm.file.license)
     console.print(table)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
 from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
@@ -57,7 +57,6 @@ def bus(
     differs from that of --model, or if the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
-    from rich.console import Console
 
     from servoloop.bench import bus as bench_bus
 
@@ -67,7 +66,7 @@ def bus(
     if json:
         typer.echo(bench_bus.as_json(figures))
     else:
-        bench_bus.print_table(figures, Console())
+        bench_bus.print_table(figures, text_console())
 
 
 @app.command()
@@ -111,14 +110,13 @@ def arm(
 
 def _report(measured: "Measured", out: Path, json: bool) -> None:
     """Print the results and write the page. The results are printed even if the page cannot be written."""
-    from rich.console import Console
 
     from commissioning.atomic_write import write_file
     from drivers.driver_errors import DriverError
     from servoloop.bench.page import page
 
     if not json:
-        print_figures(measured.figures, Console())
+        print_figures(measured.figures, text_console())
     failed: DriverError | None = None
     try:
         write_file(out, page(measured))

@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from commissioning.calibrations import CalibrationRow, calibration_rows, export_calibration, import_calibration
 from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
 from drivers.driver_errors import DriverError
-from servoloop.commands.shared.console import JsonOption, YesOption, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, YesOption, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import named_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
@@ -226,7 +225,7 @@ def import_(
     if json:
         print_json({"written": str(written), "joints": [_imported_as_json(one) for one in made]})
         return
-    print_table(Console(), _imported(made), "joint", "warning")
+    print_table(text_console(), _imported(made), "joint", "warning")
     typer.echo(f"{ITS_ZERO}.\nWritten: {written}")
 
 
@@ -261,7 +260,7 @@ def show(arm: ServoArm, json: JsonOption = False) -> None:
     if json:
         print_json(rows)
     else:
-        print_table(Console(), _shown(rows), "joint", "warning")
+        print_table(text_console(), _shown(rows), "joint", "warning")
 
 
 def _imported_as_json(one: Imported) -> dict[str, Any]:

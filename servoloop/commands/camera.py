@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from servoloop.commands.shared.console import JsonOption, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, print_json, print_table, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
 
@@ -98,7 +98,6 @@ def list_cameras(json: JsonOption = False) -> None:
 
     The command does not open any camera. Example: `servoloop camera list`
     """
-    from rich.console import Console
     from rich.table import Table
 
     from perception.sources.devices import cameras
@@ -118,7 +117,7 @@ def list_cameras(json: JsonOption = False) -> None:
             "yours" if camera.may_open else "not yours",
             ", ".join(camera.owners),
         )
-    print_table(Console(), table, "name")
+    print_table(text_console(), table, "name")
 
 
 @app.command()

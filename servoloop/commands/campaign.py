@@ -13,7 +13,7 @@ import typer
 from commissioning.atomic_write import make_folder
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
-from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
@@ -115,7 +115,6 @@ def campaign(
 
 def _run(scenario: "Scenario", runs: CampaignRuns, stop: "Stop") -> "tuple[Tally, DriverError | None]":
     """Run the scenario with each seed. Return the tally, and the error that ended the campaign early, if any."""
-    from rich.console import Console
     from rich.progress import Progress
 
     from servoloop.campaign.campaign import campaign as run
@@ -123,7 +122,7 @@ def _run(scenario: "Scenario", runs: CampaignRuns, stop: "Stop") -> "tuple[Tally
     from servoloop.campaign.tally import Tally
 
     tally = Tally(scenario, runs.seeds)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    with Progress(console=text_console(stderr=True), transient=True) as progress:
         task = progress.add_task("runs", total=runs.seeds)
         try:
             for report in run(scenario, runs.requested(), runs.processes(), stop, runs.ray):
@@ -149,14 +148,13 @@ def _keep(
     Returns:
         The saved violations, the report file if it was written, and the error.
     """
-    from rich.console import Console
     from rich.progress import track
 
     from servoloop.campaign.kept_violation import keep
     from servoloop.campaign.shrink import violated, violated_apart
 
     kept: list[KeptViolation] = []
-    console = Console(stderr=True)
+    console = text_console(stderr=True)
     try:
         with violated_apart() if apart and tally.first else nullcontext(violated) as names:
             first = track(tally.first.items(), "minimizing", console=console, transient=True)
@@ -169,7 +167,6 @@ def _keep(
 
 def _repeat(path: Path, out: Path, json: bool) -> int:
     """Run one schedule, print its violations and write their traces. Return the exit status."""
-    from rich.console import Console
 
     from servoloop.campaign.campaign import require_possible_schedule
     from servoloop.campaign.kept_violation import KeptViolation, recorded, stem_of, traced
@@ -191,7 +188,7 @@ def _repeat(path: Path, out: Path, json: bool) -> int:
     if json:
         print_json({"violations": violations, **_files(kept, page)})
     else:
-        console = Console()
+        console = text_console()
         _print_kept(report.violations, kept, console)
         if not report.violations:
             console.print(NO_VIOLATION, style="green")
@@ -223,10 +220,9 @@ def _files(kept: "list[KeptViolation]", page: Path | None) -> dict[str, Any]:
 
 
 def _print(tally: "Tally", kept: "list[KeptViolation]", page: Path | None) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = text_console()
     simulated_h = tally.simulated_s / 3600.0
     console.print(
         f"{counted(len(tally.rows), 'run')}, {simulated_h:.2f} h of simulated time, {tally.ended} ended early"
@@ -240,9 +236,9 @@ def _print(tally: "Tally", kept: "list[KeptViolation]", page: Path | None) -> No
         console.print(table)
     _print_kept([one.violation for one in kept], kept, console)
     for promise in tally.broken_promises:
-        console.print(f"not examined: {promise}", style="red", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"not examined: {promise}", style="red", soft_wrap=True, highlight=False)
     if tally.broken_promises:
-        console.print(NOT_EXAMINED, soft_wrap=True, markup=False, highlight=False)
+        console.print(NOT_EXAMINED, soft_wrap=True, highlight=False)
     if not tally.violations:
         console.print(NO_VIOLATION, style="green")
     _print_page(page, console)
@@ -262,12 +258,12 @@ def _print_kept(violations: "Sequence[Violation]", kept: "list[KeptViolation]", 
     """Print each violation with its trace. The last violations may have no trace if a file could not be written."""
     for violation, one in zip_longest(violations, kept):
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
-        console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
+        console.print(text, style="red", soft_wrap=True, highlight=False)
         if one is not None:
             for line in (one.note or f"trace: {one.trace_path}", f"repeat: {one.command}"):
-                console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
+                console.print(f"  {line}", soft_wrap=True, highlight=False)
 
 
 def _print_page(page: Path | None, console: "Console") -> None:
     if page is not None:
-        console.print(f"report: {page}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"report: {page}", soft_wrap=True, highlight=False)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import PortsOption, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_options import ServoArm
@@ -51,7 +51,6 @@ def doctor(
     findings are reported as warnings. The exit status is 1 if there are faults.
     Example: `servoloop doctor --port /dev/ttyACM0`, `servoloop doctor --arm so101 --report doctor.md`
     """
-    from rich.console import Console
 
     from commissioning.atomic_write import require_file, write_file
     from commissioning.doctor.doctor import ExaminedArm
@@ -77,7 +76,7 @@ def doctor(
     if json:
         print_json(report)
     else:
-        print_report(report, Console())
+        print_report(report, text_console())
     if report_file is not None:
         write_file(report_file, markdown(report, Machine().user.name, files.robot_path))
     raise typer.Exit(0 if report.healthy else 1)
@@ -101,10 +100,10 @@ def print_report(report: "DoctorReport", console: "Console") -> None:
     for number, one in enumerate(report.findings, 1):
         where = f"{one.place}: " if str(one.place) else ""
         console.print(f"{number}. {one.severity}: {where}{one.symptom}", style=STYLES[one.severity],
-                      highlight=False, markup=False)  # fmt: skip
-        console.print(f"   {one.cause}", highlight=False, markup=False)
+                      highlight=False)  # fmt: skip
+        console.print(f"   {one.cause}", highlight=False)
         if one.command:
-            console.print(f"   run: {one.command}", style="bold", highlight=False, markup=False, soft_wrap=True)
+            console.print(f"   run: {one.command}", style="bold", highlight=False, soft_wrap=True)
     for bus in report.buses:
         if bus.servos:
             print_table(console, _table(bus), "joint", "model", "answers", "alarms")

@@ -9,6 +9,7 @@ import typer
 
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
+from servoloop.commands.shared.console import text_console
 from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
 from servoloop.stack.shipped_files import OWN
 
@@ -51,7 +52,10 @@ def jog(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
         client = RobotClient(commands, robot)
         client.connect()
         jogging = Jogging(client, robot)
-        with raw_keys(), Live(get_renderable=jogging.table, refresh_per_second=8, transient=True):
+        with (
+            raw_keys(),
+            Live(console=text_console(), get_renderable=jogging.table, refresh_per_second=8, transient=True),
+        ):
             while not (jogging.ended or signals.count):
                 jogging.step()
 

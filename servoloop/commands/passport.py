@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
@@ -20,7 +19,7 @@ from drivers.clock import MonotonicClock
 from drivers.eeprom import Change
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_folders import find_arm
@@ -152,7 +151,7 @@ def restore_(
             found = plan_restore(line, passport, servo_id)
         plans = [plan for plan in found if plan.values]
         if plans and not yes:
-            print_table(Console(), _planned(plans), "register")
+            print_table(text_console(), _planned(plans), "register")
             confirm("Write this?", yes)
         changes = restore_all(line, MonotonicClock(), plans)
     _print_changes(changes, json)
@@ -178,7 +177,7 @@ def _print_comparison(found: Comparison, passport: Passport, adapter: str | None
         joint = passport.servos[one.servo_id].joint or ""
         table.add_row(str(one.servo_id), joint, one.register, str(one.saved), str(one.now))
     if found.differences:
-        print_table(Console(), table, "joint", "register")
+        print_table(text_console(), table, "joint", "register")
     for servo_id in found.absent:
         typer.echo(f"servo {servo_id} does not respond")
     for servo_id in found.others:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.stack.processes import Interrupted
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ def ports(
     The command does not open any port.
     Example: `servoloop ports`, or `servoloop ports --wait` while you plug in an adapter
     """
-    from rich.console import Console
 
     from commissioning.ports.adapters import ports as inspect
 
@@ -36,11 +35,10 @@ def ports(
     if json:
         print_json(report)
     else:
-        print_report(report, Console())
+        print_report(report, text_console())
 
 
 def _wait(timeout_s: float, json: bool) -> None:
-    from rich.console import Console
 
     from commissioning.ports.plugging import wait_for_plugging
 
@@ -54,7 +52,7 @@ def _wait(timeout_s: float, json: bool) -> None:
         return
     words = {"plugged": "was plugged in", "pulled": "was unplugged", "vanished": "was plugged in and vanished at once"}
     why = f": {plugged.why}" if plugged.why else ""
-    console = Console()
+    console = text_console()
     console.print(f"{plugged.adapter.device} {words[plugged.happened]}{why}", highlight=False)
     if plugged.happened == "plugged":
         _print_adapter(plugged.adapter, console)
@@ -69,10 +67,10 @@ def print_report(report: "PortsReport", console: "Console") -> None:
     if not report.adapters:
         console.print("No serial adapter is plugged in.")
     for complaint in report.complaints:
-        console.print(f"! {complaint}", style="yellow", highlight=False, markup=False)
+        console.print(f"! {complaint}", style="yellow", highlight=False)
     if report.udev_rule:
         console.print(f"\nAdd this udev rule to {RULE_FILE}, then run {RELOAD}:", highlight=False)
-        console.print(report.udev_rule, highlight=False, markup=False, soft_wrap=True)
+        console.print(report.udev_rule, highlight=False, soft_wrap=True)
 
 
 def _print_adapter(adapter: "Adapter", console: "Console") -> None:
@@ -95,4 +93,4 @@ def _print_adapter(adapter: "Adapter", console: "Console") -> None:
             table.add_row(name, value)
     console.print(table)
     for complaint in adapter.complaints:
-        console.print(f"! {complaint}", style="yellow", highlight=False, markup=False)
+        console.print(f"! {complaint}", style="yellow", highlight=False)

@@ -13,7 +13,7 @@ import typer
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from hal.types import JointLimits
-from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.teach import PlayOptions, SelectedArm, play_motion
 from servoloop.commands.view import view
@@ -77,15 +77,17 @@ def plot(
     the recorded program was killed, the complete part of its recording is plotted.
     Example: `servoloop plot out/run.mcap`
     """
-    from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     from servoloop.recording.reader import read_recording
 
     require_extras("the page", "report")
-    console = Console(stderr=True)
+    console = text_console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))
+        run = read_recording(
+            recording, lambda path: progress.open(path, "rb", description=escape(f"reading {path.name}"))
+        )
     with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
         from servoloop.recording.page import write_page  # This imports matplotlib, which takes a second.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.commissioning_errors import CommissioningError
-from servoloop.commands.shared.console import JsonOption, confirm, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, confirm, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import interruptible
 
 if TYPE_CHECKING:
@@ -145,7 +145,6 @@ def tables(
     The servo models in the current folder are included (servo_models.yaml, see docs/add-a-servo.md).
     Example: `servoloop register tables xl430-w250`
     """
-    from rich.console import Console
     from rich.table import Table
 
     from commissioning.registers.listing import listed_models, listed_registers
@@ -158,7 +157,7 @@ def tables(
         table = Table("model", "number", "series", "registers", "source", title="servo models")
         for one in models:
             table.add_row(one.name, str(one.number), one.series, str(one.registers), one.source)
-        print_table(Console(), table, "series")
+        print_table(text_console(), table, "series")
         return
     registers = listed_registers(model)
     if json:
@@ -168,4 +167,4 @@ def tables(
     for row in registers:
         access, kept = "read, write" if row.writable else "read", "EEPROM" if row.persistent else "RAM"
         table.add_row(row.name, str(row.address), str(row.size), access, kept, row.values, row.unit)
-    print_table(Console(), table, "values")
+    print_table(text_console(), table, "values")

@@ -9,7 +9,7 @@ import typer
 
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
-from servoloop.commands.shared.console import JsonOption, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, print_json, print_table, text_console
 from servoloop.stack.processes import Interrupted
 
 if TYPE_CHECKING:
@@ -54,7 +54,6 @@ def scan(
     protocol is tried only with --make. The exit status is 1 if no servo was found or an expected ID is missing.
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
-    from rich.console import Console
 
     from commissioning.ports.adapters import only_port
     from commissioning.scan.scan import ScanScope
@@ -68,7 +67,7 @@ def scan(
     clock, device = MonotonicClock(), port or only_port()
     line = SerialPort(device, (baud or [1_000_000])[0], clock)
     try:
-        with _bar(Console(stderr=True), quiet=json) as progress:
+        with _bar(text_console(stderr=True), quiet=json) as progress:
             report = search(line, clock, scope, models=models, progress=progress)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; nothing was changed") from None
@@ -77,7 +76,7 @@ def scan(
     if json:
         print_json(report)
     else:
-        print_report(report, Console())
+        print_report(report, text_console())
     raise typer.Exit(0 if report.servos and not report.absent else 1)
 
 
@@ -117,7 +116,7 @@ def print_report(report: "ScanReport", console: "Console") -> None:
         console.print(f"{report.port}: no servo responds. Check the power supply of the servos and their cable.")
     for servo in report.servos:
         for problem in servo.problems:
-            console.print(f"! servo {servo.servo_id}: {problem.text}", style="yellow", highlight=False, markup=False)
+            console.print(f"! servo {servo.servo_id}: {problem.text}", style="yellow", highlight=False)
     for servo_id in report.absent:
         text = "does not respond at any of these baud rates; check its power, its cable and its ID"
         console.print(f"! servo {servo_id}: {text}", style="yellow", highlight=False)

@@ -17,7 +17,7 @@ from servoloop.commands.registers import (
     write_at,
     write_status_level,
 )
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
 from servoloop.commands.shared.option_groups import grouped_options
 
@@ -154,7 +154,6 @@ def list_registers(address: ServoAddress, json: JsonOption = False) -> None:
 
     Example: `servoloop register list --port /dev/ttyACM0 --id 3`
     """
-    from rich.console import Console
     from rich.table import Table
 
     from commissioning.registers.access import list_registers as read_all
@@ -170,7 +169,7 @@ def list_registers(address: ServoAddress, json: JsonOption = False) -> None:
     for one in values:
         access, kept = "read, write" if one.writable else "read", "EEPROM" if one.persistent else "RAM"
         table.add_row(one.name, str(one.address), access, kept, one.text, "" if one.raw is None else str(one.raw))
-    print_table(Console(), table, "register", "value")
+    print_table(text_console(), table, "register", "value")
 
 
 @app.command()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.driver_errors import DriverError, PortLost
-from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import PortOption, bus_of, open_line
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
@@ -105,7 +105,6 @@ def _plain(row: "Audit") -> dict[str, Any]:
 
 
 def _print(rows: "list[Audit]") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("joint", "servo", "model", "V", "before", "gear", "written")
@@ -116,4 +115,4 @@ def _print(rows: "list[Audit]") -> None:
         gear = row.gear.verdict if row.gear else ""
         written = ", ".join(f"{one.register.name} {one.old} to {one.new}" for one in row.changes)
         table.add_row(row.joint, str(row.servo_id), row.model, f"{row.voltage_v:.1f}", was, gear, written or "nothing")
-    print_table(Console(), table, "joint", "model", "before", "gear", "written")
+    print_table(text_console(), table, "joint", "model", "before", "gear", "written")

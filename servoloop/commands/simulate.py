@@ -8,7 +8,7 @@ import typer
 
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
-from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
@@ -75,7 +75,6 @@ def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption
     exit status is 1 if a job failed.
     Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
     """
-    from rich.console import Console
 
     from servoloop.simulation.job import job_settings
     from servoloop.simulation.simulate import simulate as run
@@ -94,7 +93,7 @@ def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption
     if json:
         print_json(_plain(result))
     else:
-        _print(result, Console())
+        _print(result, text_console())
     raise typer.Exit(0 if result.success else 1)
 
 
@@ -140,6 +139,7 @@ def _following(result: "SimulationResult") -> dict[str, Any]:
 
 def _print(result: "SimulationResult", console: "Console") -> None:
     from rich.table import Table
+    from rich.text import Text
 
     arms = any(job.arm for job in result.jobs)
     columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "message")
@@ -148,7 +148,8 @@ def _print(result: "SimulationResult", console: "Console") -> None:
         error = job.following
         numbers = [f"{max(values):.4f}" for values in (error.largest_rad, error.rms_moving_rad, error.at_rest_rad)]
         style = "green" if job.success else "red"
-        row = (job.grade, f"[{style}]{job.bin}[/]", f"{job.duration_s:.2f} s", *numbers, job.message)
+        place = Text(job.bin or "none", style)
+        row: list[str | Text] = [job.grade, place, f"{job.duration_s:.2f} s", *numbers, job.message]
         table.add_row(*((job.arm, *row) if arms else row))
     if result.jobs:
         console.print(table)

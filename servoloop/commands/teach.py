@@ -13,7 +13,7 @@ import typer
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from hal.types import JointLimits
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import (
     FASTEST_HZ,
@@ -130,7 +130,6 @@ def record(
     position at the end.
     Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
-    from rich.console import Console
 
     from hal.servos.limp_arm import release_question, servo_name
     from servoloop.teach.motion_files import MotionStore
@@ -153,7 +152,7 @@ def record(
         typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
     with selected.opened() as arm:
-        run(arm, limp, poses, Teacher(Console()), keep)
+        run(arm, limp, poses, Teacher(text_console()), keep)
 
 
 def arm_folder(selected: SelectedArm) -> Path:
@@ -210,7 +209,6 @@ def _saved_motion(
 
 def play_motion(selected: SelectedArm, motion_of: MotionOf, options: PlayOptions) -> None:
     """Play a motion, and show the arm while it moves."""
-    from rich.console import Console
 
     from servoloop.teach.run import play as run
     from servoloop.teach.screen import ArmScreen
@@ -222,7 +220,7 @@ def play_motion(selected: SelectedArm, motion_of: MotionOf, options: PlayOptions
             motion = motion_of(arm.folder, arm.joints, [arm.limits[joint] for joint in arm.joints])
         else:
             arm.sleep(READY_S)
-        run(arm, motion, options.speed, permission, ArmScreen(Console(stderr=True)))
+        run(arm, motion, options.speed, permission, ArmScreen(text_console(stderr=True)))
         if selected.port is None:
             typer.echo(f"{arm.name} holds its position: done")
 
@@ -303,7 +301,6 @@ def teleop(
     Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`; with two arms on each robot,
     `servoloop teleop ./left_leader ./left ./right_leader ./right --leader-arm leaders --follower-arm bimanual_so101`
     """
-    from rich.console import Console
 
     from servoloop.commands.shared.console import confirm
     from servoloop.teleop.arms import TeleopError
@@ -319,7 +316,7 @@ def teleop(
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port; pass a different port for each")
     keys = partial(permission_of, hands_free, (REACTIVATE,))
-    screen = TeleopScreen(Console(), keys, partial(confirm, yes=False), HANDS_FREE_HINT if hands_free else HINT)
+    screen = TeleopScreen(text_console(), keys, partial(confirm, yes=False), HANDS_FREE_HINT if hands_free else HINT)
     status = run(*sides, rate_hz, screen)
     screen.console.print(screen.summary, highlight=False)
     raise typer.Exit(status)

@@ -8,7 +8,7 @@ import typer
 
 from commissioning.atomic_write import write_file
 from drivers.driver_errors import DriverError
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
 from servoloop.commands.shared.line_options import PortsOption, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import missing_extras
@@ -81,7 +81,6 @@ def tune(
     shows both results side by side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
-    from rich.console import Console
 
     from commissioning.atomic_write import make_folder, require_file
     from servoloop.stack.loop_thread import LEFT
@@ -101,7 +100,7 @@ def tune(
             report = _tuned(tuner, request, gains, signals)
             typer.echo(ending.reached, err=True)
     if not json:
-        print_report(report, files.robot_path, Console())
+        print_report(report, files.robot_path, text_console())
     drawn, failed = None, None
     try:
         drawn = _drawn(path, report)
@@ -110,7 +109,7 @@ def tune(
     if json:
         print_json({**report.as_dict(), "picture": None if drawn is None else str(drawn)})
     elif drawn is not None:
-        Console().print(f"Plot: {drawn}", highlight=False, markup=False, soft_wrap=True)
+        text_console().print(f"Plot: {drawn}", highlight=False, soft_wrap=True)
     if failed is not None:
         raise failed
 
@@ -220,4 +219,4 @@ def print_report(report: "TuneReport", robot_file: Path, console: "Console") -> 
 
     console.print(table(report))
     for line in words(report, robot_file):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        console.print(line, highlight=False, soft_wrap=True)

@@ -13,6 +13,7 @@ from commissioning.atomic_write import make_folder, require_writable
 from drivers.driver_errors import DriverError
 from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
+from servoloop.commands.shared.console import text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.shared.other_stacks import search_for_others
@@ -166,7 +167,6 @@ def demo(
     The exit status is 0 if every cube is in the correct bin.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
-    from rich.console import Console
 
     from servoloop.demo import demo as reports
     from servoloop.demo.cell import check_grades
@@ -189,7 +189,7 @@ def demo(
     if options.view:
         require_extras("the view", "view")
     make_folder(options.out)
-    console = Console()
+    console = text_console()
     if options.vision:
         raise typer.Exit(_sort_apples(options, console))
     if several:

@@ -145,7 +145,7 @@ class MonitorApp(App[None]):
         self._shown_faults: StateTable | None = None
         self._joints = JointsTable()
         self._charts = [StripChart(strip) for strip in STRIPS]
-        self._status, self._faults, self._tables = Static(id="status"), Static(id="faults"), Static()
+        self._status, self._faults, self._tables = Static(id="status", markup=False), Static(id="faults"), Static()
 
     def compose(self) -> ComposeResult:
         """Arrange the widgets."""

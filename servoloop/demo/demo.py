@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import psutil
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from commissioning.atomic_write import write_file
 from drivers.driver_errors import DriverError
@@ -183,8 +184,8 @@ def loop_table(loop: Mapping[str, float], cpu: Mapping[str, float]) -> Table:
     return table
 
 
-def _cells(run: JobRun, joints: Sequence[str]) -> tuple[str, ...]:
-    place = ("[green]" if run.success else "[red]") + (run.bin or "none") + "[/]"
+def _cells(run: JobRun, joints: Sequence[str]) -> tuple[str | Text, ...]:
+    place = Text(run.bin or "none", "green" if run.success else "red")
     error = run.between_cycles
     cells = (run.grade, place, f"{run.duration_s:.2f} s")
     if not error.largest_rad:

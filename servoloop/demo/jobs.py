@@ -45,7 +45,7 @@ class Live:
 
     def say(self, text: str) -> None:
         """Print one line of progress."""
-        self.console.print(f"[dim]·[/] {self._arm}{text}")
+        self.console.print(Text.assemble(("· ", "dim"), self._arm, text))
 
     def job(self, grade: str) -> None:
         """Show that a job starts."""
@@ -59,15 +59,17 @@ class Live:
 
     def done(self, grade: str, where: str | None, success: bool, message: str) -> None:
         """Print the result of a job."""
-        mark = "[green]✓[/]" if success else "[red]✗[/]"
         place = f"bin {where}" if where else "no bin"
-        self.console.print(f"{mark} {self._arm}grade {grade}: cube in {place} [dim]{message}[/]")
+        self._result(f"{self._arm}grade {grade}: cube in {place}", success, message)
         self._job, self._phase = "", ""
 
     def sorted(self, apple: str, success: bool, message: str) -> None:
         """Print the result for one apple."""
-        mark = "[green]✓[/]" if success else "[red]✗[/]"
-        self.console.print(f"{mark} {apple} [dim]{message}[/]")
+        self._result(apple, success, message)
+
+    def _result(self, text: str, success: bool, message: str) -> None:
+        mark = ("✓", "green") if success else ("✗", "red")
+        self.console.print(Text.assemble(mark, f" {text} ", (message, "dim")))
 
     def show(self, newest: "NewestMessages") -> None:
         """Show the latest state of the arm."""

@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from commissioning.atomic_write import write_file
 from servoloop.demo.sorting import SortedApple, SortingFilm
@@ -69,10 +70,10 @@ def print_sorting(report: SortingReport, console: Console) -> None:
     )
 
 
-def _cells(apple: SortedApple) -> tuple[str, ...]:
+def _cells(apple: SortedApple) -> tuple[str | Text, ...]:
     truth, job = apple.truth, apple.job
-    color = "[green]" if apple.success else "[red]"
-    head = (str(apple.number), apple.true_grade, job.grade if job else "none", f"{color}{apple.bin or 'none'}[/]")
+    place = Text(apple.bin or "none", "green" if apple.success else "red")
+    head = (str(apple.number), apple.true_grade, job.grade if job else "none", place)
     seen = job.apple if job else None
     if job is None or seen is None:
         return (*head, *("?" for _ in range(7)))

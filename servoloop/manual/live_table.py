@@ -5,6 +5,7 @@ from typing import Self
 
 from rich.console import Console, RenderableType
 from rich.live import Live
+from rich.text import Text
 
 
 class LiveTable:
@@ -28,6 +29,6 @@ class LiveTable:
         """Print ``text`` if it has changed, and update the table."""
         if text != self._message:
             self._message = text
-            self._console.print(f"[dim]·[/] {text}", highlight=False)
+            self._console.print(Text.assemble(("· ", "dim"), text))
         if self._live is not None:
             self._live.update(table())

@@ -1,4 +1,4 @@
-"""Tables are not truncated in narrow terminals."""
+"""Tables are not truncated in narrow terminals, and all texts are printed as they are."""
 
 from collections import Counter
 from io import StringIO
@@ -7,9 +7,17 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
+from commissioning.calibrate.by_hand import CalibrationTask
 from commissioning.doctor.report import BusFigures, DoctorReport, ServoFigures
+from commissioning.scan.examine import ScannedServo
+from commissioning.scan.scan import ScanReport
+from servoloop.commands import scan
 from servoloop.commands.doctor import print_report
-from servoloop.commands.shared.console import print_table
+from servoloop.commands.output.calibrate_terminal import Terminal
+from servoloop.commands.shared.console import print_table, text_console
+from servoloop.demo.jobs import Live
+from servoloop.manual.live_table import LiveTable
+from servoloop.stack.signals import Signals
 
 ARMS = [f"joint{number}" for number in range(1, 7)] + ["hand_right_joint"]
 
@@ -41,3 +49,35 @@ def test_no_character_is_lost_at_any_width(width: int) -> None:
     text = printed(width, table, "joint", "written")
     wanted = Counter("".join(row).replace(" ", ""))
     assert "…" not in text and not wanted - Counter(text)
+
+
+BRACKETS = "Lower it [see the sticker], [/] not up :gear:"
+
+
+@pytest.mark.parametrize("servos", [(), (ScannedServo(1, 1_000_000, "1.0"),)], ids=["none", "one"])
+def test_a_port_with_brackets_is_printed_as_it_is(
+    capsys: pytest.CaptureFixture[str], servos: tuple[ScannedServo, ...]
+) -> None:
+    port = "/tmp/[/x]/bus[1]"
+    scan.print_report(ScanReport(port, servos, (), {}, (), ()), text_console())
+    assert port in capsys.readouterr().out
+
+
+def test_instructions_with_brackets_are_printed_as_they_are(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("servoloop.commands.shared.console.Keyboard.line", lambda keyboard: "")
+    terminal = Terminal(Signals(), yes=True)
+    terminal.say(BRACKETS)
+    terminal.until_done(CalibrationTask("direction", BRACKETS, (), None), lambda: None)  # type: ignore[arg-type]
+    assert capsys.readouterr().err == f"· {BRACKETS}\n{BRACKETS}; press Enter when done\n"
+
+
+def test_messages_with_brackets_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    with LiveTable(text_console()) as table:
+        table.draw(BRACKETS, Table)
+    live = Live(text_console())
+    live.say(BRACKETS)
+    live.done("A", "left", True, BRACKETS)
+    lines = [f"· {BRACKETS}", f"· {BRACKETS}", f"✓ grade A: cube in bin left {BRACKETS}"]
+    assert capsys.readouterr().out.splitlines() == lines

@@ -5,14 +5,14 @@ from contextlib import contextmanager
 from math import degrees
 from typing import TYPE_CHECKING, Self
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from commissioning.calibrate.result import unit
 from commissioning.calibrate.run import STORE
 from commissioning.slow_arm import StoppedError
-from servoloop.commands.shared.console import Keyboard, print_table
+from servoloop.commands.shared.console import Keyboard, print_table, text_console
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class Terminal:
 
     def __init__(self, signals: Signals, yes: bool) -> None:
         """Start the dialog. If ``yes`` is True, no confirmation is requested."""
-        self.console = Console(stderr=True, highlight=False)
+        self.console = text_console(stderr=True, highlight=False)
         self._signals = signals
         self._keyboard = Keyboard(signals, NOTHING)
         self._yes = yes
@@ -42,11 +42,11 @@ class Terminal:
 
     def say(self, text: str) -> None:
         """Print a line."""
-        self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
+        self.console.print(Text.assemble(("· ", "dim"), text), soft_wrap=True)
 
     def until_done(self, task: "CalibrationTask", update: Callable[[], None]) -> None:
         """Show the instruction and the positions of all joints until Enter is pressed."""
-        self.console.print(f"[bold]{task.text}[/]; press Enter when done", soft_wrap=True)
+        self.console.print(Text.assemble((task.text, "bold"), "; press Enter when done"), soft_wrap=True)
         with self._table() as show:
             while self._keyboard.line() is None:
                 update()
@@ -85,7 +85,7 @@ class Terminal:
         print_table(self.console, difference_table(differences), "joint", "zero", "homing offset")
         for one in differences:
             if one.doubt:
-                self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)
+                self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", soft_wrap=True)
 
     def stopped(self) -> bool:
         """Return whether a key was pressed or a signal was received."""

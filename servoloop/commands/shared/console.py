@@ -28,6 +28,17 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 
 
+def text_console(stderr: bool = False, highlight: bool = True) -> "Console":
+    """Return a console that prints every text as it is.
+
+    The texts of files, devices and users may contain square brackets or colons, which rich would otherwise interpret as
+    markup or emoji. Use ``rich.text.Text`` for styles.
+    """
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=highlight, markup=False, emoji=False)
+
+
 def print_json(value: Any) -> None:
     """Print a dataclass, or a list or mapping of dataclasses, as JSON."""
     typer.echo(json.dumps(value, default=_plain, indent=2))
