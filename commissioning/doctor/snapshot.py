@@ -103,6 +103,10 @@ class BusSnapshot:
     """Port problem that prevented or ended the measurements."""
     problem_text: str = ""
 
+    def port_option(self, port: str = "") -> str:
+        """Return the command-line option for this bus at its port, or at another port."""
+        return f"--port {self.name}{'=' if self.name else ''}{port or self.port}"
+
 
 @dataclass(frozen=True, slots=True)
 class ArmSnapshot:

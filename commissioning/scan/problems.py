@@ -60,19 +60,24 @@ def line_trouble(
     if kinds[None] == 0 and kinds["corrupt"] == 0:
         if corrupt:
             return collision(servo_id, port)
-        return Problem("no_reads", NO_READS) if identity is None else Problem("no_state", _no_state_text(identity))
+        return (
+            Problem("no_reads", _no_reads_text(servo_id, port))
+            if identity is None
+            else Problem("no_state", _no_state_text(identity))
+        )
     if failed >= BAD_SHARE * kinds.total():
         advice = line_advice(port, "the plugs of the cables and the supply")
         return Problem("bad_line", f"many of its replies are lost or corrupted: check {advice}")
     return None
 
 
-NO_READS: Final = (
-    "it responds to pings but not to reads. If it is a Dynamixel, its status return level may be 0: set it with "
-    "'servoloop register write --model MODEL status_return_level 2'. A Dynamixel X also responds after its supply was "
-    "off"
-)
-"""Description of a servo that responds only to pings."""
+def _no_reads_text(servo_id: int, port: str) -> str:
+    """Describe a servo that responds only to pings."""
+    return (
+        "it responds to pings but not to reads. If it is a Dynamixel, its status return level may be 0: set it with "
+        f"'servoloop register write --port {port} --id {servo_id} --model MODEL status_return_level 2'. A Dynamixel X "
+        "also responds after its supply was off"
+    )
 
 
 def _no_state_text(identity: Identity) -> str:
@@ -105,7 +110,8 @@ def collision(servo_id: int, port: str) -> Problem:
     return Problem(
         "collision",
         f"all of its replies are corrupted, so probably two servos have ID {servo_id}. Leave only one of them plugged "
-        f"in and give it another ID: servoloop set-id {servo_id} NEW. If there is only one, check {line_advice(port)}",
+        f"in and give it another ID: servoloop set-id {servo_id} NEW --port {port}. If there is only one, check "
+        f"{line_advice(port)}",
     )
 
 

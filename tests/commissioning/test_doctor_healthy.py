@@ -44,6 +44,11 @@ def test_an_unpowered_bus_of_two_is_named() -> None:
     assert (finding.id, finding.place.bus) == ("no_power", "hand")
 
 
+def test_the_bus_is_named_in_the_recommended_calibration_of_two_buses() -> None:
+    finding = Patient("robot_arm_two_buses.yaml", calibrated=False).findings()["not_calibrated"]
+    assert finding.command == "servoloop calibrate --arm NAME --port arm=/dev/ttyACM0-arm"
+
+
 def test_the_doctor_writes_nothing_and_keeps_the_torque() -> None:
     for holding in (False, True):
         patient = Patient()

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.driver_errors import PortDenied, PortMissing
+from sim_backend.buses.port import VirtualPort
 from tests.commissioning.machines import BRLTTY_RULES, STRANGER, SmallMachine
 from tests.commissioning.patient import Patient
 
@@ -24,7 +25,26 @@ def test_a_moved_port_is_reported_with_its_permanent_name(tmp_path: Path) -> Non
     first = patient_on(small, open_error=PortMissing(f"there is no {ACM}")).examine().findings
     assert [one.id for one in first] == ["port_moved"]
     assert "/dev/ttyACM1" in first[0].cause and "5A46" in first[0].cause
-    assert first[0].command == "servoloop doctor --port /dev/serial/by-id/usb-5A46-if00"
+    assert first[0].command == "servoloop doctor --arm NAME --port /dev/serial/by-id/usb-5A46-if00"
+
+
+def test_a_moved_port_of_one_of_two_buses_is_reported_with_both_ports(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.plug(f"{ACM}-hand", serial="HAND")
+    small.plug("/dev/ttyACM1")
+    patient = patient_on(small, arm="robot_arm_two_buses.yaml")
+    opened = patient.open
+
+    def open_hand(device: str, baud: int) -> VirtualPort:
+        if device == f"{ACM}-arm":
+            raise PortMissing(f"there is no {device}")
+        return opened(device, baud)
+
+    patient.open = open_hand  # type: ignore[method-assign]
+    first = patient.examine().findings[0]
+    assert (first.id, first.place.bus) == ("port_moved", "arm")
+    ports = f"--port arm=/dev/serial/by-id/usb-5A46-if00 --port hand={ACM}-hand"
+    assert first.command == f"servoloop doctor --arm NAME {ports}"
 
 
 def test_a_port_without_any_adapter_is_missing(tmp_path: Path) -> None:

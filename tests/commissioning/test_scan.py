@@ -237,7 +237,10 @@ def test_an_unknown_model_number_is_reported(model: ServoModel, number: Any) -> 
 def test_a_servo_that_answers_only_pings_is_reported() -> None:
     line = ToolLine({1: ax_mx.MX_28})
     line.put(1, ax_mx.status_return_level, 0)
-    assert kinds(line.scan()) == {1: ["no_reads"]}
+    report = line.scan()
+    assert kinds(report) == {1: ["no_reads"]}
+    command = f"servoloop register write --port {report.port} --id 1 --model MODEL status_return_level 2"
+    assert command in only(report).problems[0].text
 
 
 def test_torque_is_shown_and_left_on() -> None:

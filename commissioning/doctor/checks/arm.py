@@ -33,7 +33,7 @@ def check_arm(snapshot: ArmSnapshot) -> Iterator[Finding]:
 
 
 def _calibrate(snapshot: ArmSnapshot, bus: BusSnapshot) -> str:
-    return f"servoloop calibrate --arm {snapshot.arm} --port {bus.port}"
+    return f"servoloop calibrate --arm {snapshot.arm} {bus.port_option()}"
 
 
 def _wrong_offsets(bus: BusSnapshot) -> list[ServoSnapshot]:

@@ -34,7 +34,7 @@ def check_ports(snapshot: ArmSnapshot, report: PortsReport | None) -> Iterator[F
         if bus.problem:
             yield _not_open(bus, bus.problem, own)
         if bus.problem == "missing":
-            yield from _gone(bus, place, report)
+            yield from _gone(bus, place, snapshot, report)
         for adapter in own:
             yield from (_complaint(place, one) for one in adapter.complaints if one.kind in COMPLAINTS)
     for complaint in report.complaints if report else ():
@@ -50,7 +50,9 @@ def _not_open(bus: BusSnapshot, problem: PortProblem, own: list[Adapter]) -> Fin
     return finding(kind, FindingPlace(bus=bus.name), f"{bus.port}: {symptom}", bus.problem_text, command)
 
 
-def _gone(bus: BusSnapshot, place: FindingPlace, report: PortsReport | None) -> Iterator[Finding]:
+def _gone(
+    bus: BusSnapshot, place: FindingPlace, snapshot: ArmSnapshot, report: PortsReport | None
+) -> Iterator[Finding]:
     """Find the new name of a missing port, or the program that is using the port."""
     if report is None:
         return
@@ -59,15 +61,17 @@ def _gone(bus: BusSnapshot, place: FindingPlace, report: PortsReport | None) -> 
         if kind:
             symptom = f"{bus.port}: the port disappears at once or never appears"
             yield finding(kind, place, symptom, _sentence(complaint.text), complaint.command)
-    others = [one for one in report.adapters if one.vid is not None]
+    used = {one.port for one in snapshot.buses}
+    others = [one for one in report.adapters if one.vid is not None and used.isdisjoint((one.device, one.by_id))]
     if len(others) == 1:
         lasting = others[0].by_id or others[0].device
         cause = (
-            f"The only adapter is at {others[0].device} ({others[0].chip}, serial number {others[0].serial_number}). "
-            f"The number of a port can change whenever the adapter is plugged in; {PurePath(lasting).name} does not "
-            "change"
+            f"The only other adapter is at {others[0].device} ({others[0].chip}, serial number "
+            f"{others[0].serial_number}). The number of a port can change whenever the adapter is plugged in; "
+            f"{PurePath(lasting).name} does not change"
         )
-        command = f"servoloop doctor --port {lasting}"
+        options = (one.port_option(lasting if one is bus else "") for one in snapshot.buses)
+        command = f"servoloop doctor --arm {snapshot.arm} {' '.join(options)}"
         yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} anymore", cause, command)
 
 
