@@ -17,7 +17,7 @@ from planning.planning_errors import PlanningError
 from servoloop.commands.shared.lazy_commands import MARKUP, Place, lazy_group
 from servoloop.extras import extra_error
 from servoloop.stack.processes import Interrupted
-from servoloop.stack.terminal import complete_output, outlive_terminal, print_styled
+from servoloop.stack.terminal import complete_output, open_missing_streams, outlive_terminal, print_styled
 
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Run an arm": {
@@ -144,6 +144,7 @@ def options(
 
 def main() -> None:
     """Run a command. Errors that a user can correct are printed without a traceback."""
+    open_missing_streams()
     outlive_terminal()
     with complete_output():
         _run()

@@ -122,6 +122,17 @@ class _Lossy(io.FileIO):
             return len(data)
 
 
+def open_missing_streams() -> None:
+    """Open the null device for each standard stream that was closed when the program started.
+
+    Without this, Python sets the stream to None, and the next file that the program opens, such as a port, gets the
+    descriptor of the stream.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+
+
 def outlive_terminal() -> None:
     """Ignore errors on stdout and stderr if their terminal has been closed. Errors on files and pipes are still
     reported."""

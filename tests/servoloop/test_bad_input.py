@@ -5,17 +5,21 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from shutil import copytree
 
 import pytest
 
 from servoloop import cli
+from servoloop.cli import app
+from servoloop.commands.output.calibrate_terminal import Terminal
+from servoloop.commands.shared.console import confirm
 from servoloop.commands.up import write_ready
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.shipped_files import CONFIG, CONTROLLERS, URDF
+from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import feed_path
 from tests.complaint import complaint
 
@@ -273,6 +277,28 @@ def test_a_simulation_without_a_trajectory_controller_is_refused(
     (folder / "controllers.yaml").write_text("controller_manager: {ros__parameters: {update_rate: 20}}")
     said = complaint(capsys, monkeypatch, "simulate", "--arm", f"{folder}/", "--seconds", "0")
     assert "controllers.yaml:1: simulated motions require a joint_trajectory_controller/" in said
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (app, "stdin is not a terminal"),
+        (lambda: confirm("Continue?", yes=False), "the question was not answered, and nothing was done"),
+        (lambda: Terminal(Signals(), yes=False).confirm("Continue?"), "the input has ended"),
+    ],
+    ids=["jog", "question", "dialog"],
+)
+def test_a_closed_stdin_is_reported_like_an_empty_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: Callable[[], None], says: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servoloop", "jog"])
+    monkeypatch.setattr(sys, "stdin", None)
+    monkeypatch.setattr(cli, "app", command)
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert sys.stdin is not None
+    sys.stdin.close()
+    assert says in capsys.readouterr().err
 
 
 def test_the_notes_of_an_interruption_are_printed(
