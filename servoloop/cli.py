@@ -1,5 +1,6 @@
 """Define the command line: register all commands and print the errors that users can correct."""
 
+import errno
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -17,7 +18,13 @@ from planning.planning_errors import PlanningError
 from servoloop.commands.shared.lazy_commands import MARKUP, Place, lazy_group
 from servoloop.extras import extra_error
 from servoloop.stack.processes import Interrupted
-from servoloop.stack.terminal import complete_output, open_missing_streams, outlive_terminal, print_styled
+from servoloop.stack.terminal import (
+    complete_output,
+    escape_output,
+    open_missing_streams,
+    outlive_terminal,
+    print_styled,
+)
 
 PANELS: Mapping[str, Mapping[str, str]] = {
     "Run an arm": {
@@ -87,6 +94,8 @@ ERRORS = (
     PlanningError,
 )
 """Errors that a user can correct. These errors are printed without a traceback."""
+UNUSABLE_PATHS = (errno.EACCES, errno.ENAMETOOLONG)
+"""System errors of paths that the user has chosen. Even a check whether such a path exists raises them."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
@@ -145,6 +154,7 @@ def options(
 def main() -> None:
     """Run a command. Errors that a user can correct are printed without a traceback."""
     open_missing_streams()
+    escape_output()
     outlive_terminal()
     with complete_output():
         _run()
@@ -165,6 +175,14 @@ def _run() -> None:
         if (missing := extra_error(error)) is None:
             raise
         _complain(missing)
+        raise SystemExit(1) from None
+    except OSError as error:
+        if error.errno not in UNUSABLE_PATHS or error.filename is None:
+            raise
+        _complain(DriverError(f"cannot use {error.filename}: {error.strerror}; choose another path"))
+        raise SystemExit(1) from None
+    except UnicodeEncodeError as error:
+        _complain(DriverError(f"'{error.object}' contains characters that cannot be encoded: use UTF-8"))
         raise SystemExit(1) from None
     except Interrupted as error:
         _complain(error, color=None)

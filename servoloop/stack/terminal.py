@@ -133,6 +133,12 @@ def open_missing_streams() -> None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
+def escape_output() -> None:
+    """Escape characters that stdout cannot encode, such as those of file names that are not UTF-8, as on stderr."""
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 def outlive_terminal() -> None:
     """Ignore errors on stdout and stderr if their terminal has been closed. Errors on files and pipes are still
     reported."""

@@ -1,6 +1,7 @@
 """Errors on the command line and in files: each message tells the user what to do."""
 
 import errno
+import io
 import os
 import socket
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from servoloop import cli
 from servoloop.cli import app
 from servoloop.commands.output.calibrate_terminal import Terminal
-from servoloop.commands.shared.console import confirm
+from servoloop.commands.shared.console import confirm, text_console
 from servoloop.commands.up import write_ready
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.processes import Interrupted
@@ -277,6 +278,54 @@ def test_a_simulation_without_a_trajectory_controller_is_refused(
     (folder / "controllers.yaml").write_text("controller_manager: {ros__parameters: {update_rate: 20}}")
     said = complaint(capsys, monkeypatch, "simulate", "--arm", f"{folder}/", "--seconds", "0")
     assert "controllers.yaml:1: simulated motions require a joint_trajectory_controller/" in said
+
+
+LONG = "a" * 300
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("doctor", "--report", f"{LONG}.md"),
+        ("pose", "list", "--arm", LONG),
+        ("simulate", "--record", f"{LONG}.mcap"),
+        ("camera", "board", f"{LONG}.pdf"),
+        ("scan", LONG),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_name_that_is_too_long_is_reported(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    said = complaint(capsys, monkeypatch, *arguments)
+    assert said.startswith("servoloop: cannot use ") and "File name too long; choose another path" in said
+
+
+def test_a_path_without_permission_is_reported(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def denied(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_dir", denied)
+    said = complaint(capsys, monkeypatch, "doctor", "--report", "mine.md")
+    assert said == "servoloop: cannot use mine.md: Permission denied; choose another path\n"
+
+
+def test_text_that_cannot_be_encoded_is_reported(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cli, "app", lambda: "grade \udcff".encode())
+    said = complaint(capsys, monkeypatch)
+    assert said == "servoloop: 'grade \\udcff' contains characters that cannot be encoded: use UTF-8\n"
+
+
+def test_characters_that_stdout_cannot_encode_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    output = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(output, "utf-8"))
+    monkeypatch.setattr(cli, "app", lambda: text_console().print("/dev/\udcff"))
+    cli.main()
+    assert output.getvalue() == b"/dev/\\udcff\n"
 
 
 @pytest.mark.parametrize(
