@@ -6,13 +6,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from commissioning.atomic_write import make_folder
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
+from hal.plausible import RANGES
 from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.processes import Interrupted
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 REPORT = "report.html"
 NO_VIOLATION = "no invariant was violated"
 NOT_EXAMINED = "Run more seeds, or set `promises` in the scenario to the conditions that the campaign must examine."
+LARGEST_SEED: Final = int(RANGES["seed"].highest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ class CampaignRuns:
     """Runs of a campaign, and the processes or the cluster that executes them."""
 
     seeds: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 100
-    first: Annotated[int, typer.Option(min=0, help="Random seed of the first run.")] = 0
+    first: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Random seed of the first run.")] = 0
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -54,7 +56,12 @@ class CampaignRuns:
     ] = None
 
     def requested(self) -> range:
-        """Return the seeds of all runs."""
+        """Return the seeds of all runs. Raises DriverError."""
+        if self.first + self.seeds - 1 > LARGEST_SEED:
+            raise DriverError(
+                f"{counted(self.seeds, 'run')} from seed {self.first} would exceed the largest seed {LARGEST_SEED}: "
+                "choose a smaller --first or --seeds"
+            )
         return range(self.first, self.first + self.seeds)
 
     def processes(self) -> int:

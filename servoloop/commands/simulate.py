@@ -8,6 +8,7 @@ import typer
 
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
+from hal.plausible import RANGES
 from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.recording.mcap import RecordOption, check_path
@@ -29,13 +30,20 @@ class SimulatedRun:
     arm: ArmOption = OWN
     robot: RobotOption = None
     job: Annotated[str | None, typer.Option(help="Grades of the cubes to pick, such as A,B,C.")] = None
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="Time to run after the jobs, in seconds.")] = None
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=RANGES["time"].highest, help="Time to run after the jobs, in seconds."),
+    ] = None
     backlash_deg: Annotated[
         float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each servo, in degrees.")
     ] = BACKLASH_DEG
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Seed for random variations of up to 10 % in friction, motors, masses and supply."),
+        typer.Option(
+            min=0,
+            max=RANGES["seed"].highest,
+            help="Seed for random variations of up to 10 % in friction, motors, masses and supply.",
+        ),
     ] = None
     faults: Annotated[
         Path | None, typer.Option(help="YAML file with faults to inject (see `servoloop fault --list`).")

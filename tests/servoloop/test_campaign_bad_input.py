@@ -3,12 +3,14 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from hal.hal_errors import ArmFileError
 from servoloop.campaign import shrink as minimizing
 from servoloop.campaign.campaign import read_scenario, schedule_of
 from servoloop.campaign.scenario import Scenario, ScenarioError
 from servoloop.campaign.shrink import shrink, violated
+from servoloop.cli import app
 from servoloop.simulation.acts import Cancel, Move
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from sim_backend.faults.text import parse
@@ -197,3 +199,14 @@ def test_minimizing_does_not_run_an_arm_that_cannot_do_the_acts(monkeypatch: pyt
     assert violated(Schedule(arm="robot_arm", seconds=2.0, clients=(move,))) == set()
     late = Schedule(seconds=4.0, clients=(Cancel(at_s=3.5),))
     assert shrink(late, lambda one: bool(one.clients)).seconds == 4.0
+
+
+def test_seeds_out_of_range_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = ("campaign", "--scenario", str(written(tmp_path, "seconds: 1\n")), "--jobs", "0")
+    ran = CliRunner().invoke(app, [*arguments, f"--first={2**63}"])
+    assert ran.exit_code == 2 and "Invalid value for '--first'" in ran.output
+    message = refusal(capsys, monkeypatch, *arguments, f"--first={2**63 - 1}", "--seeds=2")
+    assert f"2 runs from seed {2**63 - 1} would exceed the largest seed {2**63 - 1}" in message

@@ -137,3 +137,9 @@ def test_a_grade_that_the_arm_does_not_have_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, job: str
 ) -> None:
     assert "--job must list grades from A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)
+
+
+@pytest.mark.parametrize("option", ["--seconds=inf", "--seconds=2000000", "--seconds=nan", f"--seed={2**63}"])
+def test_a_duration_or_seed_out_of_range_is_refused(option: str) -> None:
+    ran = CliRunner().invoke(cli.app, ["simulate", option])
+    assert ran.exit_code == 2 and f"Invalid value for '{option.partition('=')[0]}'" in ran.output
