@@ -1,5 +1,6 @@
 """Write result files atomically and keep the previous version, and check before a run that they can be written."""
 
+import errno
 import os
 import tempfile
 from pathlib import Path
@@ -11,8 +12,11 @@ def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
     """Write a file atomically, and keep its previous content in ``path``.1. Raises OSError.
 
     If the program is interrupted at any time, ``path`` contains either the complete previous or the complete new
-    content. If ``keep`` is False, ``path``.1 remains unchanged.
+    content. If ``keep`` is False, ``path``.1 remains unchanged. A pipe or a device is refused: it would be replaced by
+    a file, and a read from it could wait forever.
     """
+    if _is_special(path):
+        raise OSError(errno.EINVAL, "Not a regular file", str(path))
     if keep and path.exists():
         _put(path.with_name(path.name + ".1"), path.read_bytes())
     _put(path, content.encode() if isinstance(content, str) else content)
@@ -22,6 +26,11 @@ def cannot_write(path: Path, error: OSError) -> str:
     """Return the error message for a failed ``write_whole``."""
     kept = ". The previous file is unchanged" if path.is_file() else ""
     return f"cannot write {path}: {error.strerror or error}{kept}"
+
+
+def _is_special(path: Path) -> bool:
+    """Return whether the path is a pipe, a device or a socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _put(path: Path, content: bytes) -> None:
@@ -51,7 +60,7 @@ def require_file(path: Path) -> None:
     end."""
     if path.is_dir():
         raise DriverError(f"{path} is a folder: choose the name of a file")
-    if path.exists() and not path.is_file():
+    if _is_special(path):
         raise DriverError(f"{path} is not a regular file: choose another path")
     require_writable(path.parent)
 

@@ -1,6 +1,7 @@
 """``servoloop calibration`` imports and exports a LeRobot file on the command line."""
 
 import json
+import os
 import shlex
 import shutil
 from collections.abc import Sequence
@@ -98,3 +99,15 @@ def test_an_invalid_calibration_file_is_reported(
 ) -> None:
     said = complaint(capsys, monkeypatch, "calibration", "export", "x.json", "--robot", str(robot))
     assert "does not exist" in said and "servoloop calibrate" in said
+
+
+def test_a_pipe_is_refused_as_the_file_of_an_export(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, pipe = tmp_path / "theirs.json", tmp_path / "pipe"
+    given.write_text(json.dumps(theirs()))
+    run("import", str(given), "--robot", str(robot))
+    os.mkfifo(pipe)
+    said = complaint(capsys, monkeypatch, "calibration", "export", str(pipe), "--robot", str(robot))
+    assert said == f"servoloop: cannot write {pipe}: Not a regular file\n"
+    assert pipe.is_fifo()
