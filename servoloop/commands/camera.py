@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from commissioning.atomic_write import cannot_write, require_file, write_whole
 from servoloop.commands.shared.console import JsonOption, print_json, print_table, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
@@ -134,6 +135,7 @@ def show(
     """
     from perception.perception_errors import SourceEnded
 
+    require_file(out)
     with form.opened(source) as camera:
         first = last = camera.read(READ_S)
         count = 1
@@ -194,6 +196,7 @@ def calibrate(
     from perception.calibration.lens import calibrate_lens
     from perception.intrinsics import intrinsics_text
 
+    require_file(out)
     with form.opened(source) as camera:
         collected = _collect(camera, size.board(), effort)
     report = calibrate_lens(collected, name)
@@ -226,6 +229,7 @@ def plane(
 
     require_extras("the camera", "vision")
     intrinsics = read_intrinsics(camera_file)
+    require_file(out)
     with CameraFormat(*intrinsics.size).opened(source) as camera:
         view = BoardDetector(size.board()).view(camera.read(READ_S).rgb)
     report = calibrate_plane(view, intrinsics, place.place())
@@ -275,7 +279,6 @@ def _encoded(picture: "Picture", ending: str) -> bytes:
 
 
 def _save(path: Path, content: bytes) -> None:
-    from commissioning.atomic_write import cannot_write, write_whole
     from perception.perception_errors import CameraFileError
 
     try:

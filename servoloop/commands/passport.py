@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from commissioning.atomic_write import require_file
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.passport.compare import Comparison, compare, take_passport
 from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
@@ -88,6 +89,7 @@ def save(
     Example: `servoloop passport save my_arm.passport.yaml`
     """
     path, robot_file = place.path(), place.robot_file()
+    require_file(path)
     joints = robot_file.joints_on(bus_of(robot_file, place.bus)) if robot_file else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from commissioning.atomic_write import require_file
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from hal.types import JointLimits
@@ -83,6 +84,8 @@ def plot(
     from servoloop.recording.reader import read_recording
 
     require_extras("the page", "report")
+    if out is not None:
+        require_file(out)
     console = text_console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(

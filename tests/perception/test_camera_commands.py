@@ -75,12 +75,16 @@ def test_a_picture_is_saved_with_the_true_rate(
         ("board board.gif", "board.gif ends neither with .pdf nor with .png"),
         ("board no/board.pdf", "cannot write no/board.pdf: No such file or directory: choose another file"),
         ("plane 77 --x 0 --y 0", "cannot read camera.yaml: No such file"),
+        ("plane 77 --x 0 --y 0 --camera lens.yaml --out no/pose.yaml", "cannot write into no: No such file"),
+        ("calibrate 77 --out no/camera.yaml", "cannot write into no: No such file or directory"),
+        ("show 77 --out no/camera.png", "cannot write into no: No such file or directory"),
         ("calibrate nothing", "there is no file or folder nothing"),
     ],
 )
 def test_bad_input_is_one_sentence(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], line: str, message: str
 ) -> None:
+    (folder / "lens.yaml").write_text(intrinsics_text(boards.LENS))
     assert run(monkeypatch, *line.split()) == 1
     printed = capsys.readouterr().err
     assert message in printed and "Traceback" not in printed and printed.count("\n") == 1

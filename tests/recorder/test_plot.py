@@ -78,7 +78,9 @@ def test_incomplete_recording_is_read_up_to_its_end(recording: Path, run: Record
 def test_unwritable_page_is_an_error(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "Is a directory" in complaint(capsys, monkeypatch, "plot", str(recording), "--out", str(tmp_path))
+    assert "is a folder: choose the name of a file" in complaint(
+        capsys, monkeypatch, "plot", str(recording), "--out", str(tmp_path)
+    )
 
 
 def test_file_that_is_not_a_recording_is_refused(

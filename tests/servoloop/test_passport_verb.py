@@ -156,3 +156,11 @@ def test_errors_are_reported(
     assert "broken.yaml:2: servos.1.registers" in said
     assert "--to-new requires --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")
     assert "add --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")
+
+
+def test_the_path_is_checked_before_the_servos_are_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "no" / "arm.passport.yaml"
+    said = complaint(capsys, monkeypatch, "passport", "save", str(path), "--port", "/dev/nope")
+    assert said == f"servoloop: cannot write into {path.parent}: No such file or directory\n"
