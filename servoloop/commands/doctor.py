@@ -1,13 +1,12 @@
 """``servoloop doctor``: list the faults of an arm, most likely cause first, with the commands that fix them."""
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
-from servoloop.commands.shared.line_options import PortsOption, served_devices
+from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_options import ServoArm
 
@@ -69,8 +68,8 @@ def doctor(
     with served_devices(port, files) as devices:
         if move:
             confirm(MOVES, yes)
-        # Without motions, Ctrl-C ends the command immediately.
-        with Signals("servos with torque enabled hold their position") if move else nullcontext() as signals:
+        # Without motions, a signal ends the command immediately.
+        with Signals("servos with torque enabled hold their position") if move else interruptible() as signals:
             motion = _motion(files, clock, signals)
             report = examine(examined, devices, clock, move=motion)
     if json:

@@ -10,7 +10,7 @@ import typer
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json, print_table, text_console
-from servoloop.stack.processes import Interrupted
+from servoloop.commands.shared.line_options import interruptible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,10 +67,8 @@ def scan(
     clock, device = MonotonicClock(), port or only_port()
     line = SerialPort(device, (baud or [1_000_000])[0], clock)
     try:
-        with _bar(text_console(stderr=True), quiet=json) as progress:
+        with interruptible(), _bar(text_console(stderr=True), quiet=json) as progress:
             report = search(line, clock, scope, models=models, progress=progress)
-    except KeyboardInterrupt:
-        raise Interrupted("interrupted; nothing was changed") from None
     finally:
         line.close()
     if json:

@@ -66,14 +66,15 @@ def set_baud(
     with servo_at(port, servo_id, baud) as servo:
         question = f"servo {servo_id} ({servo.name}) will change from {servo.port.baud} to {new_baud} baud: continue?"
         confirm(question, yes)
+        if servo.port.baud != new_baud:  # The user needs this command most if the change fails halfway.
+            where = f" --port {port}" if port else ""
+            undo = f"servoloop set-baud {servo_id} {servo.port.baud}{where}"
+            typer.echo(f"To undo this change, run: {undo}", err=True)
         changed = change(servo, new_baud)
     if json:
         print_json(changed)
-        return
-    typer.echo(f"servo {servo_id} responds at {changed.new_baud} baud")
-    if changed.old_baud != changed.new_baud:
-        where = f" --port {port}" if port else ""
-        typer.echo(f"To undo this, run: servoloop set-baud {servo_id} {changed.old_baud}{where}")
+    else:
+        typer.echo(f"servo {servo_id} responds at {changed.new_baud} baud")
 
 
 def factory_reset(

@@ -15,7 +15,9 @@ from typing import Any
 
 import pytest
 
+from drivers.driver_errors import DriverError
 from drivers.eeprom import Eeprom, EepromError
+from drivers.port.serial_port import SerialPort
 from drivers.servos import sts, x
 from drivers.servos.register import Register
 from hal.joint import Joint
@@ -242,6 +244,46 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
     assert "interrupted; the port is closed" in capsys.readouterr().err
     assert (bus.servo(3).memory.get(sts.lock), bus.servo(3).memory.get(sts.max_temperature)) == (1, 70)
     assert signal.getsignal(number) is former
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("verb", ["scan", "doctor"])
+def test_a_signal_while_servos_are_read_restores_the_baud_rate(
+    verb: str,
+    number: signal.Signals,
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rates: list[int] = []
+    set_baud = SerialPort.set_baud
+
+    def signalled(port: SerialPort, baud: int) -> None:
+        set_baud(port, baud)
+        rates.append(baud)
+        if baud == 500_000:
+            os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(SerialPort, "set_baud", signalled)
+    bus.faults.silence(3)  # The doctor then searches for the servo at all rates.
+    arguments = (str(link), "--baud", "1000000", "--baud", "500000") if verb == "scan" else ("--port", str(link))
+    assert run(monkeypatch, verb, *arguments) == cli.INTERRUPTED
+    assert "interrupted; the port is closed" in capsys.readouterr().err
+    assert rates[-1] != 500_000
+
+
+def test_set_baud_prints_how_to_undo_the_change_before_the_change(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise DriverError("servo 3 does not respond")
+
+    monkeypatch.setattr("commissioning.registers.address.set_baud", fails)
+    assert run(monkeypatch, "set-baud", "3", "500000", "--port", str(link), "--yes") == 1
+    said = capsys.readouterr().err.splitlines()
+    undo = f"To undo this change, run: servoloop set-baud 3 1000000 --port {link}"
+    assert said == [undo, "servoloop: servo 3 does not respond"]
 
 
 def test_an_eeprom_that_may_be_unlocked_is_reported(
