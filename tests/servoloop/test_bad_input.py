@@ -287,10 +287,8 @@ LONG = "a" * 300
     "arguments",
     [
         ("doctor", "--report", f"{LONG}.md"),
-        ("pose", "list", "--arm", LONG),
         ("simulate", "--record", f"{LONG}.mcap"),
         ("camera", "board", f"{LONG}.pdf"),
-        ("scan", LONG),
     ],
     ids=lambda arguments: arguments[0],
 )

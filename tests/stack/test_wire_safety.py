@@ -174,7 +174,7 @@ def test_monitor_detects_unsafe_writes() -> None:
     )  # the goal jumps and is outside the limits
     bus.torque_off([joint.servo_id])
     bus.torque_on(joint.servo_id)  # the goal is at a different position
-    assert [text.split(": ")[1].split(" ")[:2] for text in scenario.monitor.broken] == [
+    assert [one.text.split(" ")[:2] for one in scenario.monitor.broken] == [
         ["goal", "speed"],
         ["goal", "leaps"],
         ["goal", f"{joint.counts_range()[1] + 1}"],
