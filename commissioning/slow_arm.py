@@ -120,7 +120,10 @@ class SlowArm:
         try:
             if self.relax:
                 self._sink()
-            if problems := self._hardware.deactivate(self.relax):
+            problems = self._hardware.deactivate(self.relax)
+            if self.relax:
+                self._restore_limits()
+            if problems:
                 text = "torque may still be on: " + "; ".join(problems)
                 if not isinstance(error, Exception) or type(error) is StoppedError:
                     raise StoppedError(text)
@@ -215,6 +218,20 @@ class SlowArm:
                 except DriverError:
                     continue
             self._clock.sleep_until(self._clock.now() + SINK_STEP_S)
+
+    def _restore_limits(self) -> None:
+        """Write the torque limits of limp servos again.
+
+        Otherwise, a program that enables the torque without writing a limit would hold the arm with the last limit of
+        ``_sink``. Servos that do not respond are skipped.
+        """
+        for joint in self.joints:
+            bus = self._buses[joint.bus]
+            try:
+                if not bus.torque_is_on(joint.servo_id):
+                    bus.limit_torque(joint.servo_id, joint.torque_limit)
+            except DriverError:
+                continue
 
 
 def _slow(joint: Joint, fastest_rad_s: float) -> JointLimits:

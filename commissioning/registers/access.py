@@ -57,6 +57,25 @@ def enable_torque_in_place(servo: FoundServo) -> None:
         )
 
 
+WEAK_SHARE: Final = 0.5
+"""Torque limit in RAM, as a fraction of the limit in EEPROM, below which a servo may not hold its load."""
+
+
+def weak_torque(servo: FoundServo) -> str:
+    """Return a warning if another program has left a low torque limit in the servo's RAM; otherwise, return an empty
+    string."""
+    volatile, persistent = servo.series.torque_limit, servo.series.max_torque
+    if volatile is None:
+        return ""
+    limit, highest = servo.read(volatile), servo.read(persistent)
+    if limit >= WEAK_SHARE * highest:
+        return ""
+    return (
+        f"servo {servo.servo_id}: its {volatile.name} is {limit}, but its {persistent.name} is {highest}, so the servo "
+        "may not hold its load. Switch its supply off and on to restore its torque limit"
+    )
+
+
 def release(servo: FoundServo) -> None:
     """Disable the torque. If the servo is holding a load, the load falls."""
     servo.bus.torque_off([servo.servo_id])

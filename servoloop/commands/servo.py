@@ -20,6 +20,7 @@ from servoloop.commands.registers import (
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
 from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
     from commissioning.registers.values import RegisterValue
@@ -229,7 +230,7 @@ def write(
     --model, the status level of a servo that responds only to pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
-    from commissioning.registers.access import value_to_write, write_register
+    from commissioning.registers.access import value_to_write, weak_torque, write_register
 
     if model is not None:
         write_status_level(at.port, at.servo_id, at.baud, model, words)
@@ -244,6 +245,8 @@ def write(
             return
         if switch:
             on = value_to_write(servo, name, value)
+            if on and (warning := weak_torque(servo)):
+                print_styled(f"Warning: {warning}", fg="yellow", err=True)
             effect = "will hold its position with torque enabled" if on else "will disable its torque and drop its load"
             confirm(f"servo {at.servo_id} {effect}: continue?", yes)
         written = write_register(servo, name, value, torque=switch)

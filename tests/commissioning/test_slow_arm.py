@@ -1,9 +1,12 @@
 """Tests of ``SlowArm``: interruptions while torque is being enabled, and servos that are silent for a moment."""
 
+from dataclasses import replace
+
 import pytest
 
 from commissioning.commissioning_errors import CalibrationError
 from commissioning.slow_arm import PERIOD_S, SlowArm, StoppedError
+from drivers.driver_errors import ServoSilent
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
@@ -72,3 +75,32 @@ def test_the_message_of_a_stop_does_not_promise_that_all_torque_is_off() -> None
         bench.silence(0.0, 100.0)
         stopped = True
         arm.rest(1.0)
+
+
+def limits(bench: Interrupted) -> list[int]:
+    """Return the torque limits that the servos keep in RAM."""
+    register = series_of(bench.joints[0].model).torque_limit
+    assert register is not None
+    return [servo.memory.get(register) for servo in bench.line.servos]
+
+
+@pytest.mark.parametrize("model", [sts.STS3215, x.XL430_W250], ids=lambda model: model.name)
+def test_limp_servos_have_their_torque_limits_again(model: ServoModel) -> None:
+    """Otherwise, a servo whose torque is enabled later would hold its load with 6 % of its torque."""
+    bench = Interrupted(model)
+    full = limits(bench)
+    bench.joints[0] = replace(bench.joints[0], torque_limit=0.5)
+    with SlowArm(lambda: bench.bus, bench.joints, bench.clock):
+        pass
+    assert limits(bench) == [round(0.5 * full[0]), full[1] - 1, full[2] - 1]
+
+
+def test_a_servo_whose_torque_stays_on_keeps_its_low_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Interrupted(sts.STS3215)
+    monkeypatch.setattr(bench.bus, "torque_off", lambda ids: [ServoSilent(ids[0], "does not respond")])
+    with (
+        pytest.raises(StoppedError, match="torque may still be on"),
+        SlowArm(lambda: bench.bus, bench.joints, bench.clock),
+    ):
+        pass
+    assert limits(bench) == [60, 60, 60]

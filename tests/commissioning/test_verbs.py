@@ -165,7 +165,7 @@ def test_commands_that_ask_first_do_nothing_without_an_answer(
 
 
 @pytest.mark.parametrize(
-    ("value", "asks"), [("01", "holds its position"), ("+1", "holds its"), ("00", "disables its torque")]
+    ("value", "asks"), [("01", "will hold its position"), ("+1", "will hold its"), ("00", "will disable its torque")]
 )
 def test_the_torque_switch_asks_for_what_it_does(
     value: str,
@@ -178,6 +178,22 @@ def test_the_torque_switch_asks_for_what_it_does(
     where = ("--port", str(link), "--id", "3", "--baud", "1000000")
     assert run(monkeypatch, "register", "write", *where, "torque_enable", value, answer="n\n") == 1
     assert f"servo 3 {asks}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("limit", "warns"), [(60, True), (499, True), (500, False), (999, False)])
+def test_a_torque_limit_that_another_program_left_is_reported(
+    limit: int,
+    warns: bool,
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    where = ("--port", str(link), "--id", "3", "--baud", "1000000")
+    bus.servo(3).memory.put(sts.torque_limit, limit)
+    assert run(monkeypatch, "register", "write", *where, "torque_enable", "1", "--yes") == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert (f"its torque_limit is {limit}, but its max_torque is 1000, so the servo may not hold its" in said) == warns
 
 
 @pytest.mark.parametrize(("value", "says"), [("2", "must be 0 (off) or 1 (on)"), ("on", "must be a number")])
