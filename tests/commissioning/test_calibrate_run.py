@@ -197,8 +197,8 @@ def test_a_calibration_with_a_wrong_direction_is_set_aside(robot: Path, former: 
     )
     with pytest.raises(CalibrationError, match=again):
         calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock, lambda *_: wrong)
-    (said,) = [text for text in owner.heard if text.startswith("joint1 first moves ")]
-    assert said.endswith("this direction, then back: to the left")
+    (said,) = [text for text in owner.heard if text.startswith("joint1 (to the left): it first moves ")]
+    assert said.endswith("this direction, then back")
     assert path.with_name(path.name + ".wrong").exists() and torque(arm) == []
     assert (path.read_text() == "joints: {}\n") if former else not path.exists()
 
