@@ -34,6 +34,8 @@ instead of falling.
 """
 SINK_STEP_S: Final = 0.4
 """Duration of each of these torque limits, in seconds."""
+ENDED_EARLY: Final = "the torque may be on, reduced or off, so support the arm"
+"""State of the arm if a tool is ended while the arm may be moved or lowered."""
 
 
 class StoppedError(DriverError):
@@ -47,8 +49,9 @@ class ServoFailedError(StoppedError):
 class SlowArm:
     """Context manager that enables the arm's torque and moves the arm slowly.
 
-    At exit, the arm is lowered gradually and its torque is disabled, unless ``relax`` is set to False. Positions are in
-    rad or m, in the order of the joints.
+    At exit, the arm is lowered gradually and its torque is disabled, unless ``relax`` is set to False. A second request
+    to stop ends the lowering, and the torque is disabled at once. Positions are in rad or m, in the order of the
+    joints.
     """
 
     def __init__(
@@ -56,7 +59,7 @@ class SlowArm:
         open_bus: Callable[[], Bus | Mapping[str, Bus]],
         joints: Sequence[Joint],
         clock: Clock,
-        stopped: Callable[[], bool] = lambda: False,
+        stopped: Callable[[], int] = lambda: 0,
         fastest_rad_s: float = FASTEST_RAD_S,
         period_s: float = PERIOD_S,
     ) -> None:
@@ -66,8 +69,9 @@ class SlowArm:
             open_bus: Function that opens the bus of the joints, or all of their buses, keyed by name.
             joints: Joints of the arm.
             clock: Clock that times the cycles.
-            stopped: Function that is called in each cycle. If the function returns True, StoppedError is raised and the
-                arm is lowered gradually.
+            stopped: Function that is called in each cycle and returns the number of requests to stop. After the first
+                request, StoppedError is raised and the arm is lowered gradually. After the second request, the arm is
+                not lowered any further, but its torque is disabled.
             fastest_rad_s: Maximum speed of a servo's shaft, reduced to ``SPEED_SHARE`` of the joint's limit.
             period_s: Length of a cycle, in seconds.
         """
@@ -118,9 +122,11 @@ class SlowArm:
         torque is off.
         """
         try:
-            if self.relax:
-                self._sink()
-            problems = self._hardware.deactivate(self.relax)
+            try:
+                if self.relax:
+                    self._sink()
+            finally:
+                problems = self._hardware.deactivate(self.relax)
             if self.relax:
                 self._restore_limits()
             if problems:
@@ -207,17 +213,26 @@ class SlowArm:
             raise ServoFailedError(fault)
 
     def _sink(self) -> None:
-        """Reduce the torque limits step by step.
+        """Reduce the torque limits step by step, until the second request to stop.
 
         A servo that does not accept a limit keeps its torque until torque is disabled on all servos at the end.
         """
         for share in SINK_SHARES:
             for joint in self.joints:
+                if self._hurried:
+                    return
                 try:
                     self._buses[joint.bus].limit_torque(joint.servo_id, min(share, joint.torque_limit))
                 except DriverError:
                     continue
-            self._clock.sleep_until(self._clock.now() + SINK_STEP_S)
+            end_s = self._clock.now() + SINK_STEP_S
+            while not self._hurried and self._clock.now() < end_s:
+                self._clock.sleep_until(min(self._clock.now() + self.period_s, end_s))
+
+    @property
+    def _hurried(self) -> bool:
+        """Whether the user has asked to stop a second time."""
+        return self.stopped() > 1
 
     def _restore_limits(self) -> None:
         """Write the torque limits of limp servos again.

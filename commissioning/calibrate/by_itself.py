@@ -36,7 +36,7 @@ DRIVE: Final = 0.5
 
 
 def by_itself(
-    open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], bool]
+    open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], int]
 ) -> Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]:
     """Return a function that measures automatically, for use with ``calibrate``. The function closes the bus that is
     passed to it."""
@@ -58,7 +58,7 @@ class ByItself:
         plan: ArmPlan,
         watcher: Watcher,
         clock: Clock,
-        stopped: Callable[[], bool] = lambda: False,
+        stopped: Callable[[], int] = lambda: 0,
     ) -> None:
         self._open_bus = open_bus
         self._joints = tuple(joints)

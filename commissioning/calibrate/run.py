@@ -154,7 +154,7 @@ def calibrate(
     asker: Asker,
     clock: Clock,
     measure: Measure | None = None,
-    stopped: Callable[[], bool] = lambda: False,
+    stopped: Callable[[], int] = lambda: 0,
 ) -> CalibrationOutcome:
     """Calibrate joints, by hand or with a different measurement.
 
@@ -167,7 +167,8 @@ def calibrate(
         asker: Interface to the person who moves the arm and answers questions.
         clock: Clock for all delays and timeouts.
         measure: Measurement to use. If None, the joints are measured by hand.
-        stopped: Function that is called during the motion test. The test stops when this function returns True.
+        stopped: Function that is called during the motion test and returns the number of requests to stop (see
+            ``SlowArm``).
     """
     arm.require_plans()
     robot, joints, plans = arm.robot, arm.joints, arm.plans
@@ -237,7 +238,7 @@ def _try(
     plans: Mapping[str, JointPlan],
     asker: Asker,
     clock: Clock,
-    stopped: Callable[[], bool],
+    stopped: Callable[[], int],
 ) -> None:
     """Move each joint slightly with torque enabled.
 

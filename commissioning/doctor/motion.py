@@ -43,7 +43,8 @@ class SmallMotions:
     open_port: OpenPort
     clock: Clock
     gravity: Gravity | None = None
-    stopped: Callable[[], bool] = field(default=lambda: False)
+    stopped: Callable[[], int] = field(default=lambda: 0)
+    """Function that returns the number of requests to stop (see ``SlowArm``)."""
 
     def __call__(self, snapshot: ArmSnapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
         """Move the joints. Return the motions, and a message if any joints were not moved."""

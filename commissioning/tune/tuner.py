@@ -70,7 +70,7 @@ class Tuner:
             ending: State of the arm after a measurement.
             signals: Function that returns the number of signals received. After the first signal, the measurement stops
                 and the arm is left in the state described by ``ending``. After the second signal, the remaining motion
-                to the park pose is skipped.
+                to the park pose and the gradual lowering of the arm are skipped.
         """
         if name not in (names := [joint.name for joint in joints]):
             raise TuneError(f"the arm has no joint {name}: choose one of {', '.join(names)}")
@@ -136,7 +136,7 @@ class Tuner:
             TuneError: The joint does not follow its goals.
             StoppedError, DriverError, HalError: The measurement was stopped or failed.
         """
-        arm = SlowArm(lambda: self._open(self.joints), self.joints, self._clock, self._stopped, FASTEST_RAD_S, PERIOD_S)
+        arm = SlowArm(lambda: self._open(self.joints), self.joints, self._clock, self._signals, FASTEST_RAD_S, PERIOD_S)
         arm.relax = self._ending.relax
         with arm:
             try:
@@ -166,7 +166,7 @@ class Tuner:
 
         A second signal ends this motion early.
         """
-        arm.stopped = lambda: self._signals() > 1
+        arm.stopped = lambda: count if (count := self._signals()) > 1 else 0
         target = arm.command.copy()
         if self._begun is not None:
             target[self._index] = self._begun[self._index]

@@ -29,6 +29,9 @@ AUTO = (
     "The arm will now move slowly from stop to stop on its own. Clear the space around it and keep away. Any key stops "
     "it. Continue?"
 )
+LIMITS_OFF = (
+    ". The position limits in the servos may be disabled: switch the supply of the servos off and on to restore them"
+)
 
 
 def calibrate(
@@ -50,6 +53,7 @@ def calibrate(
     which each joint moved. If an arm has several buses, they are calibrated one at a time.
     Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
+    from commissioning.slow_arm import ENDED_EARLY
     from servoloop.commands.output.calibrate_terminal import Terminal
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.signals import Signals
@@ -58,7 +62,7 @@ def calibrate(
     files = read_arm_servos(found)
     bus, device = _bus_and_device(port, files, arm)
     _require_writable(found.robot)
-    with Signals("servos with torque enabled hold their position") as signals, Terminal(signals, yes) as terminal:
+    with Signals(ENDED_EARLY + (LIMITS_OFF if auto else "")) as signals, Terminal(signals, yes) as terminal:
         outcome = _calibrated(found, files, (bus, device), terminal, auto)
     if json:
         print_json(_outcome_as_json(outcome))

@@ -56,6 +56,7 @@ def doctor(
     from commissioning.doctor.doctor import doctor as examine
     from commissioning.doctor.report import markdown
     from commissioning.ports.machine import Machine
+    from commissioning.slow_arm import ENDED_EARLY
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration
     from servoloop.stack.signals import Signals
@@ -69,7 +70,7 @@ def doctor(
         if move:
             confirm(MOVES, yes)
         # Without motions, a signal ends the command immediately.
-        with Signals("servos with torque enabled hold their position") if move else interruptible() as signals:
+        with Signals(ENDED_EARLY) if move else interruptible() as signals:
             motion = _motion(files, clock, signals)
             report = examine(examined, devices, clock, move=motion)
     if json:
@@ -91,7 +92,7 @@ def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "
     if signals is None:
         return no_move
     gravity = Gravity(files.description, [joint.name for joint in files.robot.joints])
-    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count > 0)
+    return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count)
 
 
 def print_report(report: "DoctorReport", console: "Console") -> None:

@@ -83,7 +83,7 @@ def tune(
     """
 
     from commissioning.atomic_write import make_folder, require_file
-    from servoloop.stack.loop_thread import LEFT
+    from commissioning.slow_arm import ENDED_EARLY
     from servoloop.stack.signals import Signals
 
     request.require_consistent()
@@ -91,7 +91,7 @@ def tune(
     path = out or FOLDER / f"{request.joint}.svg"
     make_folder(path.parent)
     require_file(path)
-    signals = Signals(LEFT)
+    signals = Signals(ENDED_EARLY)
     with served_devices(port, files) as devices:
         tuner, ending = _tuner(files, request.joint, devices, signals)
         gains = request.gains(tuner.joint.model)

@@ -104,3 +104,26 @@ def test_a_servo_whose_torque_stays_on_keeps_its_low_limit(monkeypatch: pytest.M
     ):
         pass
     assert limits(bench) == [60, 60, 60]
+
+
+@pytest.mark.parametrize("second_s", [0.0, 0.2, 0.41, 1.5])
+def test_a_second_request_to_stop_ends_the_lowering_and_disables_the_torque(second_s: float) -> None:
+    """The program exits one second after a second signal."""
+    bench = Interrupted(sts.STS3215)
+    full = limits(bench)
+    with SlowArm(lambda: bench.bus, bench.joints, bench.clock) as arm:
+        at_s = bench.clock.now() + second_s
+        arm.stopped = lambda: 1 + (bench.clock.now() >= at_s)
+    assert bench.clock.now() < at_s + 0.2
+    assert not any(servo.memory.get(sts.torque_enable) for servo in bench.line.servos)
+    assert limits(bench) == [limit - 1 for limit in full]
+
+
+def test_an_interrupt_during_the_lowering_disables_the_torque() -> None:
+    loose = Loose(sts.STS3215)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        SlowArm(lambda: loose.bus, [Joint("jaw", 1, sts.STS3215, LIMITS)], loose.clock),
+    ):
+        loose.port.before_write = Cut(3, interrupt)
+    assert loose.left[0] == 0

@@ -87,9 +87,9 @@ class Terminal:
             if one.doubt:
                 self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", soft_wrap=True)
 
-    def stopped(self) -> bool:
-        """Return whether a key was pressed or a signal was received."""
-        return self._keyboard.pressed() or self._signals.count > 0
+    def stopped(self) -> int:
+        """Return the number of requests to stop: the number of signals received, or 1 if only a key was pressed."""
+        return self._signals.count or int(self._keyboard.pressed())
 
 
 def _sweep_table(task: "CalibrationTask") -> Table:
