@@ -98,9 +98,14 @@ class SlowArm:
         return self._buses
 
     def __enter__(self) -> Self:
-        """Enable torque with every goal set to the measured position. Raises DriverError, HalError."""
+        """Enable torque with every goal set to the measured position.
+
+        After a request to stop, the torque is not changed. Raises StoppedError, DriverError, HalError.
+        """
+        self._check_stopped("the arm was not moved")
         self._hardware.configure()
         try:
+            self._check_stopped("the arm was not moved")
             self._hardware.activate()
             self._state = self._hardware.read()
             names, step = self._hardware.joints, [joint.limits.velocity * self.period_s for joint in self.joints]
@@ -200,10 +205,7 @@ class SlowArm:
         self._cycle(wanted)
 
     def _cycle(self, wanted: FloatArray) -> None:
-        if self.stopped():
-            raise StoppedError(
-                "stopped: the arm's torque is disabled" if self.relax else "stopped: the arm holds its position"
-            )
+        self._check_stopped("the arm's torque is disabled" if self.relax else "the arm holds its position")
         self.command = self._gate.limit(wanted, self.command, self.period_s).values
         self._hardware.write(JointCommand(self.command, self.period_s))
         self._clock.sleep_until(self._clock.now() + self.period_s)
@@ -211,6 +213,11 @@ class SlowArm:
         self._state = self._hardware.read()
         if fault := self._fault_timeout.lasting(self._state.faults, self.period_s):
             raise ServoFailedError(fault)
+
+    def _check_stopped(self, left: str) -> None:
+        """Raise StoppedError after a request to stop. ``left`` describes the state in which the arm is left."""
+        if self.stopped():
+            raise StoppedError(f"stopped: {left}")
 
     def _sink(self) -> None:
         """Reduce the torque limits step by step, until the second request to stop.

@@ -1,6 +1,7 @@
 """Tests of ``SlowArm``: interruptions while torque is being enabled, and servos that are silent for a moment."""
 
 from dataclasses import replace
+from itertools import count
 
 import pytest
 
@@ -127,3 +128,21 @@ def test_an_interrupt_during_the_lowering_disables_the_torque() -> None:
     ):
         loose.port.before_write = Cut(3, interrupt)
     assert loose.left[0] == 0
+
+
+@pytest.mark.parametrize("calls", [1, 2])
+def test_a_request_to_stop_before_the_activation_leaves_the_torque_off(calls: int) -> None:
+    bench, asked = Interrupted(sts.STS3215), count(1)
+    torque: list[int] = []
+
+    def watch(servo_id: int) -> bool:
+        torque.extend(servo.memory.get(sts.torque_enable) for servo in bench.line.servos)
+        return True
+
+    bench.line.faults.on_instruction.append(watch)
+    with (
+        pytest.raises(StoppedError, match="stopped: the arm was not moved"),
+        SlowArm(lambda: bench.bus, bench.joints, bench.clock, lambda: next(asked) >= calls),
+    ):
+        pass
+    assert not any(torque)
