@@ -100,7 +100,8 @@ class SlowArm:
     def __enter__(self) -> Self:
         """Enable torque with every goal set to the measured position.
 
-        After a request to stop, the torque is not changed. Raises StoppedError, DriverError, HalError.
+        After a request to stop, the torque is not changed. If torque may still be enabled after an error, the exception
+        has a note. Raises StoppedError, DriverError, HalError.
         """
         self._check_stopped("the arm was not moved")
         self._hardware.configure()
@@ -112,10 +113,12 @@ class SlowArm:
             self.command = confirmed_positions(
                 self._state, self._hardware.read, names, range(len(names)), np.array(step)
             )
-        except BaseException:
-            if self._hardware.state is LifecycleState.ACTIVE:
-                self._hardware.undo_activation()
-            self._hardware.cleanup()
+        except BaseException as error:
+            try:
+                if self._hardware.state is LifecycleState.ACTIVE and (problems := self._hardware.undo_activation()):
+                    error.add_note(_torque_left(problems))
+            finally:
+                self._hardware.cleanup()
             raise
         return self
 
@@ -135,7 +138,7 @@ class SlowArm:
             if self.relax:
                 self._restore_limits()
             if problems:
-                text = "torque may still be on: " + "; ".join(problems)
+                text = _torque_left(problems)
                 if not isinstance(error, Exception) or type(error) is StoppedError:
                     raise StoppedError(text)
                 error.add_note(text)
@@ -254,6 +257,10 @@ class SlowArm:
                     bus.limit_torque(joint.servo_id, joint.torque_limit)
             except DriverError:
                 continue
+
+
+def _torque_left(problems: Sequence[str]) -> str:
+    return "torque may still be on: " + "; ".join(problems)
 
 
 def _slow(joint: Joint, fastest_rad_s: float) -> JointLimits:

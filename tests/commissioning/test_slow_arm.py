@@ -11,6 +11,7 @@ from drivers.driver_errors import ServoSilent
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from tests.commissioning.interrupted import LIMITS, SILENT_S, Interrupted
 from tests.commissioning.loose import Cut, Loose, interrupt
@@ -146,3 +147,23 @@ def test_a_request_to_stop_before_the_activation_leaves_the_torque_off(calls: in
     ):
         pass
     assert not any(torque)
+
+
+def test_a_servo_that_keeps_its_torque_after_a_failed_activation_is_named() -> None:
+    """The servo falls silent when all servos have torque, but before the activation is complete."""
+    bench = Interrupted(sts.STS3215)
+    memories = [servo.memory for servo in bench.line.servos]
+
+    instructions = count()
+
+    def silence(servo_id: int) -> bool:
+        if all(memory.get(sts.torque_enable) for memory in memories) and next(instructions) == 15:
+            bench.silence(0.0, 10.0)
+        return True
+
+    bench.line.faults.on_instruction.insert(0, silence)
+    with pytest.raises(ActivationError) as failed, SlowArm(lambda: bench.bus, bench.joints, bench.clock):
+        pass
+    assert [memory.get(sts.torque_enable) for memory in memories] == [0, 1, 0]
+    (note,) = failed.value.__notes__
+    assert note.startswith("torque may still be on: servo 2: does not respond")
