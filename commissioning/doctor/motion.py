@@ -64,12 +64,13 @@ class SmallMotions:
         motions: list[TrialMotion] = []
         try:
             for bus in snapshot.buses:
-                motions += self._bus(bus, [servo.joint for servo in servos])
+                self._bus(bus, [servo.joint for servo in servos], motions)
         except (DriverError, HalError) as error:
             return tuple(motions), text_with_notes(error)
         return tuple(motions), ""
 
-    def _bus(self, bus: BusSnapshot, all_joints: Sequence[Joint]) -> list[TrialMotion]:
+    def _bus(self, bus: BusSnapshot, all_joints: Sequence[Joint], motions: list[TrialMotion]) -> None:
+        """Move the joints of one bus, and append each motion to ``motions``."""
         joints = [servo.joint for servo in bus.servos]
         models = {joint.servo_id: joint.model for joint in joints}
 
@@ -77,7 +78,8 @@ class SmallMotions:
             return Bus(self.open_port(bus.port, bus.baud), self.clock, models)
 
         with SlowArm(open_bus, joints, self.clock, self.stopped, FASTEST_RAD_S) as arm:
-            return [self._joint(arm, index, all_joints) for index in range(len(joints))]
+            for index in range(len(joints)):
+                motions.append(self._joint(arm, index, all_joints))
 
     def _joint(self, arm: SlowArm, index: int, all_joints: Sequence[Joint]) -> TrialMotion:
         trial = DriveTrial(arm, index, _way(arm, index))

@@ -138,6 +138,25 @@ def test_a_port_lost_during_the_motion_test_is_reported() -> None:
     assert "was unplugged" in report.findings[0].cause
 
 
+def silence_in_motion(patient: Patient, servo_id: int) -> None:
+    """Silence a servo 20 s after its torque was enabled."""
+    memory, until = patient.line.servo(servo_id).memory, list[float]()
+
+    def reaches(asked: int) -> bool:
+        if memory.get(sts.torque_enable) and not until:
+            until.append(patient.clock.now() + 20.0)
+        return asked != servo_id or not until or patient.clock.now() < until[0]
+
+    patient.line.faults.on_instruction.append(reaches)
+
+
+def test_a_failure_hides_no_joint_that_was_measured_before() -> None:
+    patient = Patient()
+    ailments.block(patient, PAN)
+    silence_in_motion(patient, 5)
+    assert found(examine(patient)) == [("does_not_move", PAN), ("not_moved", None)]
+
+
 def test_no_joint_is_faster_than_tools_may_be() -> None:
     patient = Patient()
     fastest = [0.0] * len(patient.robot.joints)
