@@ -80,6 +80,10 @@ class SlowArm:
         self.stopped = stopped
         self.relax = True
         """Whether torque is disabled at exit. Otherwise, the servos hold their last goals."""
+        self.begun = False
+        """Whether the activation has begun, so that the torque of a servo may have been enabled."""
+        self.torque_left: tuple[str, ...] = ()
+        """Errors of servos whose torque may still be enabled after the context has ended."""
         self.asked_s = 0.0
         """Clock time at which the latest measurement was requested."""
         self._open_bus = open_bus
@@ -107,6 +111,7 @@ class SlowArm:
         self._hardware.configure()
         try:
             self._check_stopped("the arm was not moved")
+            self.begun = True
             self._hardware.activate()
             self._state = self._hardware.read()
             names, step = self._hardware.joints, [joint.limits.velocity * self.period_s for joint in self.joints]
@@ -115,8 +120,10 @@ class SlowArm:
             )
         except BaseException as error:
             try:
-                if self._hardware.state is LifecycleState.ACTIVE and (problems := self._hardware.undo_activation()):
-                    error.add_note(_torque_left(problems))
+                if self._hardware.state is LifecycleState.ACTIVE:
+                    self.torque_left = tuple(self._hardware.undo_activation())
+                if self.torque_left:
+                    error.add_note(self._torque_text())
             finally:
                 self._hardware.cleanup()
             raise
@@ -134,11 +141,11 @@ class SlowArm:
                 if self.relax:
                     self._sink()
             finally:
-                problems = self._hardware.deactivate(self.relax)
+                self.torque_left = tuple(self._hardware.deactivate(self.relax))
             if self.relax:
                 self._restore_limits()
-            if problems:
-                text = _torque_left(problems)
+            if self.torque_left:
+                text = self._torque_text()
                 if not isinstance(error, Exception) or type(error) is StoppedError:
                     raise StoppedError(text)
                 error.add_note(text)
@@ -258,9 +265,8 @@ class SlowArm:
             except DriverError:
                 continue
 
-
-def _torque_left(problems: Sequence[str]) -> str:
-    return "torque may still be on: " + "; ".join(problems)
+    def _torque_text(self) -> str:
+        return "torque may still be on: " + "; ".join(self.torque_left)
 
 
 def _slow(joint: Joint, fastest_rad_s: float) -> JointLimits:

@@ -99,8 +99,7 @@ def doctor(
     )
     adapters = ports(machine)
     snapshot = ArmSnapshot(buses, arm.calibration, arm.name)
-    motions, why_not = move(snapshot, judge(snapshot, adapters))
-    snapshot = replace(snapshot, motions=motions, not_moved=why_not)
+    snapshot = replace(snapshot, motion_test=move(snapshot, judge(snapshot, adapters)))
     return report_of(snapshot, judge(snapshot, adapters), adapters.adapters)
 
 

@@ -156,6 +156,7 @@ KINDS: Final[dict[str, Kind]] = {
     "travel_differs": _kind("warning", 33),
     "not_calibrated": _kind("note", 20),
     # These findings require that the joints move.
+    "motion_failed": _kind("fault", 93),
     "does_not_move": _kind("fault", 59),
     "wrong_gear": _kind("warning", 53),
     "gives_way": _kind("warning", 26),

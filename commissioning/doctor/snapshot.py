@@ -109,6 +109,18 @@ class BusSnapshot:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionTest:
+    """Result of the motion test. It is empty if the user did not request motion."""
+
+    motions: tuple[TrialMotion, ...] = ()
+    """Motions of the joints that were tested before the end of the test."""
+    not_moved: str = ""
+    """Reason why the joints were not moved, or why the user ended the test."""
+    failed: str = ""
+    """Error that ended the test after the torque had been enabled."""
+
+
+@dataclass(frozen=True, slots=True)
 class ArmSnapshot:
     """Measurements of the whole arm."""
 
@@ -116,9 +128,7 @@ class ArmSnapshot:
     calibration: CalibrationFile | None = None
     arm: str = "NAME"
     """Name of the arm on the command line."""
-    motions: tuple[TrialMotion, ...] = ()
-    not_moved: str = ""
-    """Reason why the joints were not moved although the user requested it."""
+    motion_test: MotionTest = MotionTest()
 
 
 def counts_turns(registers: Mapping[str, int]) -> bool:

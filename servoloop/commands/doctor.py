@@ -47,7 +47,7 @@ def doctor(
     """Diagnose an arm: check its port, bus, servos, settings, supply and calibration.
 
     Without --move, the command only reads from the servos. Nothing moves, and the torque does not change. Uncertain
-    findings are reported as warnings. The exit status is 1 if there are faults.
+    findings are reported as warnings. The exit status is 1 if there are faults, and 130 if --move was interrupted.
     Example: `servoloop doctor --port /dev/ttyACM0`, `servoloop doctor --arm so101 --report doctor.md`
     """
 
@@ -59,6 +59,7 @@ def doctor(
     from commissioning.slow_arm import ENDED_EARLY
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration
+    from servoloop.stack.processes import Interrupted
     from servoloop.stack.signals import Signals
 
     if report_file is not None:
@@ -79,6 +80,8 @@ def doctor(
         print_report(report, text_console())
     if report_file is not None:
         write_file(report_file, markdown(report, Machine().user.name, files.robot_path))
+    if signals and signals.count:
+        raise Interrupted("the motion test was interrupted")
     raise typer.Exit(0 if report.healthy else 1)
 
 

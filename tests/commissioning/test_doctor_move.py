@@ -134,8 +134,9 @@ def test_a_port_lost_during_the_motion_test_is_reported() -> None:
 
     patient.open = open_and_pull  # type: ignore[method-assign]
     report = examine(patient)
-    assert [one.id for one in report.findings] == ["not_moved"]
+    assert [one.id for one in report.findings] == ["motion_failed"]
     assert "was unplugged" in report.findings[0].cause
+    assert not report.healthy
 
 
 def silence_in_motion(patient: Patient, servo_id: int) -> None:
@@ -150,11 +151,36 @@ def silence_in_motion(patient: Patient, servo_id: int) -> None:
     patient.line.faults.on_instruction.append(reaches)
 
 
+def test_a_servo_that_keeps_its_torque_is_a_fault() -> None:
+    patient = Patient()
+    silence_in_motion(patient, 3)
+    report = examine(patient)
+    assert patient.line.servo(3).memory.get(sts.torque_enable) == 1
+    assert [one.id for one in report.findings] == ["motion_failed"]
+    assert "torque may still be on: servo 3: does not respond" in report.findings[0].cause
+    assert not report.healthy
+
+
 def test_a_failure_hides_no_joint_that_was_measured_before() -> None:
     patient = Patient()
     ailments.block(patient, PAN)
     silence_in_motion(patient, 5)
-    assert found(examine(patient)) == [("does_not_move", PAN), ("not_moved", None)]
+    assert found(examine(patient)) == [("motion_failed", None), ("does_not_move", PAN)]
+
+
+def test_a_failed_activation_is_a_fault() -> None:
+    patient = Patient()
+    first = patient.line.servo(1).memory
+    patient.line.faults.on_instruction.append(lambda asked: asked != 3 or not first.get(sts.torque_enable))
+    report = examine(patient)
+    assert [one.id for one in report.findings] == ["motion_failed"] and not report.healthy
+    assert "servo 3: does not respond" in report.findings[0].cause
+
+
+def test_a_motion_test_that_is_stopped_before_it_begins_is_a_note() -> None:
+    report = examine(Patient(), lambda: True)
+    assert [one.id for one in report.findings] == ["not_moved"]
+    assert "the arm was not moved" in report.findings[0].cause
 
 
 def test_no_joint_is_faster_than_tools_may_be() -> None:

@@ -2,7 +2,9 @@
 
 import errno
 import json
+import os
 import shlex
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,9 @@ from typing import Any
 import pytest
 import yaml
 
+from commissioning.doctor.motion import SmallMotions
 from commissioning.doctor.report import markdown, without_names
+from commissioning.doctor.snapshot import MotionTest
 from drivers.servos import sts
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.shipped_files import CONFIG
@@ -98,6 +102,21 @@ def test_doctor_move_asks_first_and_refuses_with_faults(
     assert run(monkeypatch, "doctor", "--port", str(link), "--move", "--json", answer="y\n") == 1
     said = json.loads(capsys.readouterr().out)
     assert {"wrong_mode", "not_moved"} <= {one["id"] for one in said["findings"]}
+
+
+def test_an_interrupted_motion_test_has_its_own_exit_status(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(self: SmallMotions, *_: Any) -> MotionTest:
+        os.kill(os.getpid(), signal.SIGTERM)
+        while not self.stopped():  # another thread counts the signal
+            pass
+        return MotionTest(not_moved="stopped: the arm was not moved")
+
+    monkeypatch.setattr(SmallMotions, "__call__", interrupted)
+    assert run(monkeypatch, "doctor", "--port", str(link), "--move", "--yes") == 130
+    said = capsys.readouterr()
+    assert "stopped: the arm was not moved" in said.out and "the motion test was interrupted" in said.err
 
 
 def test_a_missing_port_is_a_finding(

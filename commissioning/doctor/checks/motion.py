@@ -23,9 +23,16 @@ The other gears of an STS3215 are 1.8 times (1:191) and 2.3 times (1:147) faster
 def check_motion(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every joint that was moved."""
     known = {servo.joint.name: (place_of(bus, servo), servo) for bus in snapshot.buses for servo in bus.servos}
-    if snapshot.not_moved:
-        yield finding("not_moved", FindingPlace(), "the motion test was not done or not finished", snapshot.not_moved)
-    for motion in snapshot.motions:
+    test = snapshot.motion_test
+    if test.failed:
+        cause = (
+            f"{test.failed}. Support the arm, and switch its supply off if a servo still holds its position. Then run "
+            "the doctor again"
+        )
+        yield finding("motion_failed", FindingPlace(), "the motion test failed", cause)
+    if test.not_moved:
+        yield finding("not_moved", FindingPlace(), "the motion test was not done or not finished", test.not_moved)
+    for motion in test.motions:
         place, servo = known[motion.joint.name]
         restless = list(_rest(place, servo, motion))
         # The drive of a joint that sags or oscillates does not indicate its gear.

@@ -29,7 +29,7 @@ def voltage_limits(registers: Mapping[str, int]) -> tuple[float, float] | None:
 
 def check_voltage(snapshot: ArmSnapshot) -> Iterator[Finding]:
     """Check every servo that sent a state, and compare the servos of each bus."""
-    lowest = {motion.joint.name: motion.lowest_v for motion in snapshot.motions}
+    lowest = {motion.joint.name: motion.lowest_v for motion in snapshot.motion_test.motions}
     for bus in snapshot.buses:
         answering = [servo for servo in bus.servos if servo.states]
         for servo in answering:
