@@ -1,12 +1,17 @@
 """Read the calibration plan of an arm: the positive direction of each joint and how to find its zero."""
 
 from collections.abc import Collection, Mapping
-from typing import Annotated, Any, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
 
+from commissioning.commissioning_errors import CalibrationError
 from hal.plausible import Position, TorqueLimit
+from hal.yaml_nodes import compose
 
+AUTO_PARTS: Final = ("start", "clear", "stops", "drive")
+"""Parts of the automatic calibration plan that list joints."""
 Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
 
 
@@ -100,9 +105,28 @@ class ArmPlan(BaseModel):
     joints: dict[str, JointPlan] = {}
     auto: AutoPlan = AutoPlan()
 
+    def check_auto(self, joints: Collection[str], path: Path) -> None:
+        """Check that ``auto`` lists only joints with servos, because ``part_of`` ignores all other names.
+
+        Args:
+            joints: Joints of the robot, on all of its buses.
+            path: Path of ``arm.yaml``.
+
+        Raises:
+            CalibrationError: Some joints have no servo.
+        """
+        listed = [(part, name) for part in AUTO_PARTS for name in getattr(self.auto, part)]
+        if unknown := [(part, name) for part, name in listed if name not in joints]:
+            file = compose(path, CalibrationError)
+            wrong = "; ".join(
+                f"{file.place(('calibration', 'auto', part, name))}: calibration.auto.{part} lists {name}"
+                for part, name in unknown
+            )
+            raise CalibrationError(f"{wrong}. No servo has this name: use one of {', '.join(joints)}")
+
     def part_of(self, joints: Collection[str]) -> "ArmPlan":
         """Return the plan for some of the joints, such as those on one bus."""
-        auto = {name: _of(getattr(self.auto, name), joints) for name in ("start", "clear", "stops", "drive")}
+        auto = {name: _of(getattr(self.auto, name), joints) for name in AUTO_PARTS}
         return self.model_copy(update={"joints": _of(self.joints, joints), "auto": self.auto.model_copy(update=auto)})
 
 

@@ -16,6 +16,7 @@ from servoloop.commands.shared.line_options import named_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
+from servoloop.stack.shipped_files import ARM_FILE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -60,6 +61,8 @@ def calibrate(
 
     found = find_arm(arm)
     files = read_arm_servos(found)
+    if auto:
+        found.file.calibration.check_auto([joint.name for joint in files.robot.joints], found.folder / ARM_FILE)
     bus, device = _bus_and_device(port, files, arm)
     _require_writable(found.robot)
     with Signals(ENDED_EARLY + (LIMITS_OFF if auto else "")) as signals, Terminal(signals, yes) as terminal:

@@ -134,6 +134,25 @@ def test_an_unwritable_folder_is_reported_before_the_port_is_opened(
     assert f"cannot write into {ARMS / 'so101'}: Read-only file system; copy the arm's folder" in said
 
 
+@pytest.mark.parametrize("arm", ["so101"], indirect=True)
+@pytest.mark.parametrize(
+    ("part", "right", "wrong"),
+    [("stops", "wrist_flex: 0.0", "wrist_flx: 0.0"), ("drive", "shoulder_lift: 0.8", "shoulder_lft: 0.8")],
+)
+def test_an_unknown_joint_in_the_plan_ends_an_automatic_calibration_before_it_begins(
+    part: str, right: str, wrong: str, arm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise, the arm could press on its table, or would have too little torque to lift a load."""
+    file = arm / "arm.yaml"
+    before, after = file.read_text().split(right)
+    file.write_text(before + wrong + after)
+    line, name = before.count("\n") + 1, wrong.partition(":")[0]
+    monkeypatch.setenv("COLUMNS", "1000")
+    port = str(arm / "none")
+    said = complaint(capsys, monkeypatch, "calibrate", "--arm", f"{arm}/", "--port", port, "--auto", "--yes")
+    assert f"{file}:{line}: calibration.auto.{part} lists {name}. No servo has this name: use one of shoulder" in said
+
+
 def test_the_hand_command_reports_impossible_actions_and_missing_hands(tmp_path: Path) -> None:
     with pytest.raises(PortError, match="no emulator accepts commands at"):
         ask(control_path(tmp_path / "bus"), {"do": "look"})
