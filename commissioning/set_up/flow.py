@@ -19,7 +19,7 @@ from commissioning.set_up.only_one import (
     require_fit,
     voltage,
 )
-from commissioning.set_up.turn import WAY_RAD, GearResult, judge_gear, rivals, turn_loose
+from commissioning.set_up.turn import WAY_RAD, GearResult, judge_gear, may_hold_text, rivals, turn_loose
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.driver_errors import ServoError
@@ -86,7 +86,8 @@ class _Made:
 class SetUp:
     """Set-up of all servos on one bus.
 
-    At the end, even after an error, the EEPROM is locked and the torque state is unchanged.
+    At the end, even after an error, the EEPROM is locked and the torque state is unchanged, except for a servo that
+    ``torque_left`` names.
     """
 
     def __init__(
@@ -111,7 +112,9 @@ class SetUp:
             stopped: Function that is called while a horn is turning. When this function returns True, StoppedError is
                 raised.
         """
-        self.turn = turn
+        self.torque_left = ""
+        """Warning about the last servo that was turned, if its torque may still be on; otherwise, an empty string."""
+        self._turn = turn
         self._stopped = stopped
         self._bus = bus
         self._clock = clock
@@ -192,12 +195,19 @@ class SetUp:
         return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud, gear)
 
     def _turns(self, place: ServoPlace) -> bool:
-        return self.turn and bool(rivals(place.model))
+        return self._turn and bool(rivals(place.model))
 
     def _gear(self, place: ServoPlace, servo_id: int) -> GearResult:
         """Turn the horn of the servo to test its gear. Raises NotYet if the servo has the wrong gear."""
         self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns now")
-        gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
+        try:
+            motion = turn_loose(self._bus, self._clock, servo_id, place, self._stopped)
+        except BaseException as error:
+            warning = may_hold_text(servo_id)
+            self.torque_left = warning if warning in (str(error), *getattr(error, "__notes__", ())) else ""
+            raise
+        self.torque_left = ""
+        gear = judge_gear(motion)
         if gear.verdict == "other":
             anew = servo_id == place.servo_id != FACTORY_ID
             advice = (

@@ -138,6 +138,11 @@ def turn_loose(
     return trial.motion()
 
 
+def may_hold_text(servo_id: int) -> str:
+    """Return the message or note of an exception of ``turn_loose`` if the torque of the servo may still be on."""
+    return f"the torque of servo {servo_id} may still be on: unplug the servo or switch its supply off"
+
+
 def _loose_joint(bus: Bus, servo_id: int, place: ServoPlace) -> Joint | None:
     """Return the horn as a joint at position 0 that can turn to the side with more room; None if there is no room."""
     here = state_of(bus, servo_id).position_counts
@@ -159,7 +164,7 @@ def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
     """Disable torque and restore the torque limit when the context ends. Report a failure."""
     register = place.series.torque_limit
     before = {} if register is None else {register: retry(partial(bus.read, servo_id, register))}
-    may_hold = f"the torque of servo {servo_id} may still be on: unplug the servo or switch its supply off"
+    may_hold = may_hold_text(servo_id)
     try:
         yield
     except BaseException as error:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drivers.driver_errors import DriverError, PortLost
+from drivers.driver_errors import DriverError
 from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, print_table, text_console
 from servoloop.commands.shared.line_options import PortOption, bus_of, open_line
 from servoloop.commands.shared.option_groups import grouped_options
@@ -86,9 +86,12 @@ def _run(made: "SetUp") -> "list[Audit]":
         return made.run()
     except (DriverError, Interrupted) as error:
         done = f"set up so far: {', '.join(made.done)}" if made.done else "no servo is set up yet"
-        torque = "" if made.turn and isinstance(error, PortLost) else "The torque of the servos is unchanged. "
+        interrupted = isinstance(error, Interrupted | StoppedError)
+        left = made.torque_left or "the torque of the servos is unchanged"
+        noted = not interrupted and left in getattr(error, "__notes__", ())
+        torque = "" if noted else f"{left[0].upper()}{left[1:]}. "
         state = f"{done}. {torque}Run the same command again to continue"
-        if isinstance(error, Interrupted | StoppedError):
+        if interrupted:
             why = "interrupted" if isinstance(error, StoppedError) else error
             raise Interrupted(f"{why}; {state}") from None
         error.add_note(state)

@@ -139,3 +139,50 @@ def test_a_signal_during_the_gear_test_releases_the_servo() -> None:
     assert isinstance(end.value.__context__, StoppedError)
     assert table.servo(JAW).memory.get(sts.torque_enable) == 0
     assert table.box.ids() == [1, 1]
+
+
+@pytest.mark.parametrize("signal", [False, True], ids=["at the next task", "during the gear test"])
+def test_an_interruption_names_a_servo_that_may_have_kept_its_torque(signal: bool) -> None:
+    """The servo falls silent while its horn turns."""
+    table = Table()
+    memory, silent = table.servo(JAW).memory, list[bool]()
+
+    def reaches(servo_id: int) -> bool:
+        if memory.get(sts.torque_enable) == 1 and table.clock.now() > 18.0:
+            silent.append(True)
+        return not silent
+
+    def end(task: SetUpTask) -> None:
+        if task.problem:
+            raise Interrupted("interrupted")
+
+    table.box.line.faults.on_instruction.append(reaches)
+    table.instead = end
+    told = (
+        r"^interrupted; no servo is set up yet\. The torque of servo 1 may still be on: unplug the servo or switch its "
+        r"supply off\. Run the same command again"
+    )
+    with pytest.raises(Interrupted, match=told):
+        _run(table.set_up(stopped=lambda: signal and bool(silent)))
+    assert memory.get(sts.torque_enable) == 1
+
+
+def test_a_servo_that_keeps_its_torque_is_forgotten_once_a_servo_was_turned_and_released() -> None:
+    table = Table()
+    memory, tasks = table.servo(JAW).memory, list[SetUpTask]()
+
+    def connect(task: SetUpTask) -> None:
+        tasks.append(task)
+        if len(tasks) == 2:
+            table.servo(JAW).power_cycle()
+        if len(tasks) == 3:
+            raise Interrupted("interrupted")
+
+    def reaches(servo_id: int) -> bool:
+        return len(tasks) > 1 or memory.get(sts.torque_enable) == 0 or table.clock.now() < 18.0
+
+    table.box.line.faults.on_instruction.append(reaches)
+    table.instead = connect
+    with pytest.raises(Interrupted, match=r"set up so far: jaw\. The torque of the servos is unchanged"):
+        _run(table.set_up())
+    assert "servo 1 may still be on" in tasks[1].problem
