@@ -127,7 +127,8 @@ def bench_bus(
         The results of the measurement.
 
     Raises:
-        DriverError: No servo responds, or the control table of every servo differs from that of ``model``.
+        DriverError: No servo responds, the control table of every servo differs from that of ``model``, or the torque
+            of a servo may still be on at the end.
     """
     if model not in MODELS:
         raise DriverError(f"unknown servo model {model}; the known models are {', '.join(sorted(MODELS))}")
@@ -149,7 +150,8 @@ def standing_still(
 ) -> Iterator[dict[int, ServoGoal]]:
     """Yield goals that can be sent repeatedly without causing motion.
 
-    At the end, the torque of each servo is restored to its initial state.
+    At the end, the torque of each servo is restored to its initial state. If the torque of a servo may still be on,
+    DriverError is raised, or a note is added to the exception that ended the block.
     """
     found = present_goals(bus, servo_ids, model)
     limp = sorted(found.limp)
@@ -165,9 +167,22 @@ def standing_still(
             bus.write_goals(goals)
         bus.read_states(servo_ids)  # During this read, the bus detects whether Dynamixel servos support fast reads.
         yield goals
-    finally:
-        for error in bus.torque_off(limp) if hold else ():
-            LOG.error("%s: %s; its torque may still be on", bus.name, error)
+    except BaseException as error:
+        if held := _torque_left(bus, limp if hold else ()):
+            error.add_note(held)
+        raise
+    if held := _torque_left(bus, limp if hold else ()):
+        raise DriverError(held)
+
+
+def _torque_left(bus: Bus, servo_ids: Sequence[int]) -> str:
+    """Disable the torque of servos. Return a warning if the torque of a servo may still be on; otherwise, return an
+    empty string."""
+    try:
+        errors: Sequence[DriverError] = bus.torque_off(servo_ids)
+    except DriverError as error:  # the port is lost
+        errors = [error]
+    return f"{bus.name}: torque may still be on: {'; '.join(map(str, errors))}" if errors else ""
 
 
 def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:

@@ -54,7 +54,7 @@ def bus(
     these servos hold their positions during the measurement, and their torque is disabled at the end. For servos that
     are sent goals, the goal speed and the goal acceleration are set to 0 (no limit). Communication errors are counted
     and do not stop the measurement. The exit status is 1 if no servo responds, if the control table of every servo
-    differs from that of --model, or if the port is lost.
+    differs from that of --model, if the port is lost, or if the torque of a servo may still be on at the end.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
 

@@ -355,3 +355,22 @@ def test_held_servos_are_released_however_the_run_ends(error: type[BaseException
         assert with_torque(line) == set(IDS)
         raise error
     assert not with_torque(line)
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt, DriverError])
+@pytest.mark.parametrize("lost", [False, True], ids=["a silent servo", "a lost port"])
+def test_a_servo_that_cannot_be_released_is_an_error(lost: bool, error: type[BaseException] | None) -> None:
+    line, clock = servos(), SimulatedClock(0.0)
+    port = VirtualPort(line, clock)
+    bus = Bus(port, clock)
+    with pytest.raises(error or DriverError) as raised, standing_still(bus, IDS, sts.STS3215, hold=True):
+        line.advance(clock.now() + 0.01)
+        if lost:
+            port.unplug()
+        else:
+            line.faults.silence(2)
+        if error:
+            raise error
+    assert with_torque(line) == (set(IDS) if lost else {2})
+    said = raised.value.__notes__[0] if error else str(raised.value)
+    assert "torque may still be on: " in said and ("unplugged" in said if lost else "servo 2: does not" in said)
