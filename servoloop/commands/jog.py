@@ -14,6 +14,7 @@ from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
 from servoloop.stack.shipped_files import OWN
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from servoloop.manual.poses import Poses
@@ -51,11 +52,12 @@ def jog(arm: RunningArm = None, namespace: RunningNamespace = None) -> None:
         robot.wait()
         client = RobotClient(commands, robot)
         client.connect()
-        jogging = Jogging(client, robot)
-        with (
-            raw_keys(),
-            Live(console=text_console(), get_renderable=jogging.table, refresh_per_second=8, transient=True),
-        ):
+        jogging, console = Jogging(client, robot), text_console()
+
+        def shown() -> "Table":
+            return jogging.table(console)
+
+        with raw_keys(), Live(console=console, get_renderable=shown, refresh_per_second=8, transient=True):
             while not (jogging.ended or signals.count):
                 jogging.step()
 
@@ -141,18 +143,35 @@ class Jogging:
         elif key.isdigit() and 0 < int(key) <= len(self._joints):
             self._chosen = int(key) - 1
 
-    def table(self) -> "Table":
-        """Return a table of the joints with their positions and limits."""
+    def table(self, console: "Console") -> "Table":
+        """Return a table of the joints with their positions and limits, the help text and the message.
+
+        If the terminal is too low for all joints, the table contains the joints around the selected joint.
+        """
+        rows = len(self._joints)
+        while True:
+            table = self._table(rows)
+            excess = len(console.render_lines(table)) - console.height
+            if excess <= 0 or rows == 1:
+                return table
+            rows = max(1, rows - excess)
+
+    def _table(self, rows: int) -> "Table":
+        """Return a table with this number of joints."""
         from rich.table import Table
 
         table = Table(
             "", "joint", "position", "minimum", "maximum", caption=f"{HELP}\n{self._message}", min_width=WIDTH
         )
+        count, chosen = len(self._joints), self._chosen  # another thread may choose a joint in the meantime
+        first = min(max(chosen - rows // 2, 0), count - rows)
+        if rows < count:
+            table.title = f"joints {first + 1} to {first + rows} of {count}"
         now, driven = self._robot.snapshot, self._client.joints
         at = dict(zip(now.joints, now.position.tolist(), strict=True))
-        for number, joint in enumerate(self._joints):
+        for number, joint in list(enumerate(self._joints))[first : first + rows]:
             limit = self._robot.limits[joint]
-            style = "reverse" if number == self._chosen else "" if joint in driven else "dim"
+            style = "reverse" if number == chosen else "" if joint in driven else "dim"
             position = f"{at.get(joint, float('nan')):+.3f}"
             table.add_row(str(number + 1), joint, position, f"{limit.lower:+.3f}", f"{limit.upper:+.3f}", style=style)
         return table

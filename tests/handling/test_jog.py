@@ -1,11 +1,14 @@
 """Keys of ``servoloop jog``, without ROS: each press is one motion, and the reason for a stop is shown."""
 
 from collections.abc import Sequence
+from io import StringIO
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
+from rich.live import Live
 
 from hal.types import JointLimits
 from servoloop.commands import jog
@@ -89,7 +92,7 @@ def tap(jog: Jogging, terminal: Terminal, key: str) -> None:
 
 def said(jog: Jogging) -> str:
     """Return the text below the table."""
-    return str(jog.table().caption)
+    return str(jog.table(Console()).caption)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.2])
@@ -155,3 +158,21 @@ def test_a_number_always_selects_the_same_joint(terminal: Terminal) -> None:
     tap(jog, terminal, "right")
     step(jog, terminal, 1.0)
     assert client.turned["hand"] >= TAP_S and client.turned["joint1"] == 0.0
+
+
+@pytest.mark.parametrize("width", [100, 50])
+@pytest.mark.parametrize("chosen", [1, 12, 25, 30])
+def test_the_selected_joint_and_the_help_fit_on_the_terminal(terminal: Terminal, chosen: int, width: int) -> None:
+    joints = tuple(f"joint{number}" for number in range(1, 31))
+    snapshot = SimpleNamespace(joints=joints, position=np.zeros(len(joints)))
+    robot: Any = SimpleNamespace(limits=dict.fromkeys(joints, LIMITS["hand"]), snapshot=snapshot)
+    jog = Jogging(Client(terminal, joints), robot)  # type: ignore[arg-type]
+    for _ in range(chosen - 1):
+        jog._press("down")
+    jog._message = "no active controller moves the joint: activate arm_controller. Then press the key again."
+    console = Console(file=StringIO(), force_terminal=True, width=width, height=24)
+    with Live(console=console, get_renderable=lambda: jog.table(console), auto_refresh=False) as live:
+        live.refresh()
+        shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert f"joint{chosen} " in shown and "quit" in shown and "the key again" in shown
+    assert shown.count(" joint") > 5
