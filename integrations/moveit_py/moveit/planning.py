@@ -1,6 +1,7 @@
 """Plan and execute motions with a running move_group."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy, deepcopy
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
@@ -136,13 +137,13 @@ class PlanningComponent:
             robot_state = self.get_start_state()
             if not robot_state.set_to_default_values(self._group.name, configuration_name):
                 return self._unknown(configuration_name)
-        self._start = robot_state
+        self._start = copy(robot_state)
         return True
 
     def get_start_state(self) -> RobotState:
         """Return the state at which the next plan starts. Raises RuntimeError if move_group does not respond."""
         if self._start is not None:
-            return self._start
+            return copy(self._start)
         return RobotState.from_message(self._model, self._moveit.client.current_state())
 
     def set_goal_state(
@@ -183,12 +184,12 @@ class PlanningComponent:
         elif pose_stamped_msg is not None:
             self._goals = [pose_constraints(pose_stamped_msg, str(pose_link))]
         else:
-            self._goals = list(motion_plan_constraints or ())
+            self._goals = [deepcopy(goal) for goal in motion_plan_constraints or ()]
         return True
 
     def set_path_constraints(self, path_constraints: Constraints) -> bool:
         """Set the constraints that apply during the whole motion."""
-        self._path_constraints = path_constraints
+        self._path_constraints = deepcopy(path_constraints)
         return True
 
     def set_workspace(self, min_x: float, min_y: float, min_z: float, max_x: float, max_y: float, max_z: float) -> None:

@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped
 from moveit.core.robot_model import RobotModel
 from moveit.core.robot_state import RobotState, robotStateToRobotStateMsg
 from moveit.planning import MoveItPy, PlanningComponent, PlanRequestParameters
-from moveit_msgs.msg import Constraints, MoveItErrorCodes, RobotTrajectory
+from moveit_msgs.msg import Constraints, JointConstraint, MoveItErrorCodes, RobotTrajectory
 from moveit_msgs.msg import RobotState as RobotStateMsg
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectoryPoint
@@ -109,6 +109,40 @@ def test_plan_goes_from_the_current_state_to_a_state(robot: Robot, arm: Planning
     assert response.trajectory.get_waypoint_durations() == [0.0, 1.5, 0.5]
     assert [waypoint.joint_positions["joint1"] for waypoint in response.trajectory] == [0.1, 0.3, 0.5]
     assert response.trajectory[0].joint_positions["hand_right_joint"] == 0.02
+
+
+def test_later_changes_of_a_state_do_not_change_the_start_of_a_plan(robot: Robot, arm: PlanningComponent) -> None:
+    state = RobotState(robot.get_robot_model())
+    state.set_joint_group_positions("arm", READY)
+    arm.set_start_state(robot_state=state)
+    state.set_joint_group_positions("arm", [0.5] * 6)
+    arm.set_goal_state(robot_state=state)
+    arm.plan()
+    arm.get_start_state().set_joint_group_positions("arm", [0.2] * 6)
+    arm.plan()
+    arm.set_start_state(configuration_name="upright")
+    assert state.get_joint_group_positions("arm").tolist() == [0.5] * 6
+    for request in robot.recorded.requests:
+        start = dict(zip(request.start_state.joint_state.name, request.start_state.joint_state.position, strict=True))
+        assert [start[f"joint{n}"] for n in range(1, 7)] == READY
+        assert set(joints_of(request.goal_constraints[0]).values()) == {0.5}
+
+
+def test_later_changes_of_messages_do_not_change_a_plan_or_a_trajectory(robot: Robot, arm: PlanningComponent) -> None:
+    goal = Constraints(joint_constraints=[JointConstraint(joint_name="joint1", position=0.5)])
+    path = Constraints(joint_constraints=[JointConstraint(joint_name="joint2", position=-0.3)])
+    arm.set_goal_state(motion_plan_constraints=[goal])
+    arm.set_path_constraints(path)
+    goal.joint_constraints[0].position = path.joint_constraints[0].position = 0.0
+    trajectory = arm.plan().trajectory
+    (request,) = robot.recorded.requests
+    assert joints_of(request.goal_constraints[0]) == {"joint1": 0.5}
+    assert joints_of(request.path_constraints) == {"joint2": -0.3}
+    trajectory.get_robot_trajectory_msg().joint_trajectory.points.clear()
+    message = trajectory.get_robot_trajectory_msg()
+    trajectory.set_robot_trajectory_msg(trajectory[0], message)
+    message.joint_trajectory.points.clear()
+    assert len(trajectory) == 3
 
 
 def test_trajectory_is_executed_with_the_named_controllers(robot: Robot, arm: PlanningComponent) -> None:

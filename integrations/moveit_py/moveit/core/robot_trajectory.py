@@ -1,6 +1,7 @@
 """Trajectory of a robot, as returned by the planner."""
 
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 
 from moveit_msgs.msg import RobotState as RobotStateMsg
 from moveit_msgs.msg import RobotTrajectory as RobotTrajectoryMsg
@@ -59,12 +60,12 @@ class RobotTrajectory:
         """Return the trajectory as a message. Filtering by joints is not supported, so the filter must be empty."""
         if joint_filter:
             raise ValueError("joint_filter is not supported: select the joints in the message")
-        return self._message
+        return deepcopy(self._message)
 
     def set_robot_trajectory_msg(self, robot_state: RobotState, msg: RobotTrajectoryMsg) -> "RobotTrajectory":
         """Set the trajectory from a message. ``robot_state`` provides the positions of joints that are missing from the
         message."""
-        self._start, self._message = RobotState.from_message(self._model, robot_state.message()), msg
+        self._start, self._message = RobotState.from_message(self._model, robot_state.message()), deepcopy(msg)
         return self
 
     def set_response(self, start: RobotStateMsg, message: RobotTrajectoryMsg, group: str) -> None:
