@@ -39,6 +39,7 @@ class PlanningClient:
         rclpy.init(context=self._context)
         self.node: Any = rclpy.create_node(node_name, context=self._context)
         self._clients: dict[str, Any] = {}
+        self._canceled: Future | None = None
         self._executions = ActionClient(self.node, ExecuteTrajectory, EXECUTE_ACTION)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -51,8 +52,10 @@ class PlanningClient:
             self._executor.spin()
 
     def shutdown(self) -> None:
-        """Leave the ROS graph. A second call has no effect."""
+        """Leave the ROS graph, after the last cancel request was sent. A second call has no effect."""
         if self._context.ok():
+            if self._canceled is not None:
+                _wait(self._canceled, RESPONSE_S)
             self._executor.shutdown(timeout_sec=1.0)
             self._thread.join(1.0)
             self.node.destroy_node()
@@ -131,18 +134,18 @@ class PlanningClient:
         self._wait_for(self._executions.server_is_ready, action)
         goal = ExecuteTrajectory.Goal(trajectory=trajectory, controller_names=controllers)
         sent = self._executions.send_goal_async(goal)
-        if not _wait(sent, RESPONSE_S):
-            sent.add_done_callback(_cancel_late)
-            raise RuntimeError(f"{action} did not respond within {RESPONSE_S:.0f} s")
-        handle = sent.result()
-        if not handle.accepted:
-            message = "move_group rejected the trajectory; its log contains the reason"
-            return MoveItErrorCodes(val=MoveItErrorCodes.FAILURE, message=message)
-        result = handle.get_result_async()
         try:
+            if not _wait(sent, RESPONSE_S):
+                raise RuntimeError(f"{action} did not respond within {RESPONSE_S:.0f} s")
+            handle = sent.result()
+            if not handle.accepted:
+                message = "move_group rejected the trajectory; its log contains the reason"
+                return MoveItErrorCodes(val=MoveItErrorCodes.FAILURE, message=message)
+            result = handle.get_result_async()
             self._wait_for_result(result, 2.0 * duration_s + EXECUTION_MARGIN_S)
         except BaseException:
-            handle.cancel_goal_async()
+            sent.add_done_callback(_cancel)
+            self._canceled = sent
             raise
         return result.result().result.error_code
 
@@ -166,6 +169,6 @@ def _wait(future: Future, timeout_s: float) -> bool:
     return done.wait(timeout_s)
 
 
-def _cancel_late(sent: Future) -> None:
+def _cancel(sent: Future) -> None:
     if sent.result() is not None and sent.result().accepted:
         sent.result().cancel_goal_async()

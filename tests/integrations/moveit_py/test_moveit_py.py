@@ -1,5 +1,6 @@
 """The package ``moveit`` with a move_group that only records requests."""
 
+from collections.abc import Callable
 from copy import deepcopy
 from types import SimpleNamespace
 from typing import Any
@@ -12,10 +13,12 @@ pytest.importorskip("moveit_msgs")
 from geometry_msgs.msg import PoseStamped
 from moveit.core.robot_model import RobotModel
 from moveit.core.robot_state import RobotState, robotStateToRobotStateMsg
+from moveit.move_group import PlanningClient
 from moveit.planning import MoveItPy, PlanningComponent, PlanRequestParameters
 from moveit_msgs.msg import Constraints, JointConstraint, MoveItErrorCodes, RobotTrajectory
 from moveit_msgs.msg import RobotState as RobotStateMsg
 from rclpy.duration import Duration
+from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from planning.planning_errors import PlanningError
@@ -57,6 +60,38 @@ class RecordingClient:
     def execute(self, trajectory: Any, duration_s: float, controllers: list[str]) -> MoveItErrorCodes:
         self.executed.append((trajectory, duration_s, controllers))
         return self.code
+
+
+class InterruptedResponse(Future):
+    """Response to a goal. Ctrl-C interrupts the first wait, and the response arrives during the shutdown."""
+
+    def __init__(self, response: Any) -> None:
+        super().__init__()
+        self.response = response
+        self.waits = 0
+
+    def add_done_callback(self, callback: Callable[[Future], None]) -> None:
+        self.waits += 1
+        if self.waits == 1:
+            raise KeyboardInterrupt
+        super().add_done_callback(callback)
+        if self.waits == 3:
+            self.set_result(self.response)
+
+
+class InterruptedClient(PlanningClient):
+    """Client without ROS, which is interrupted before its goal is accepted."""
+
+    def __init__(self) -> None:
+        self.events: list[str] = []
+        handle = SimpleNamespace(accepted=True, cancel_goal_async=lambda: self.events.append("cancel"))
+        self._executions: Any = SimpleNamespace(
+            server_is_ready=lambda: True, send_goal_async=lambda _: InterruptedResponse(handle)
+        )
+        self._executor: Any = SimpleNamespace(shutdown=lambda **_: self.events.append("shutdown"))
+        self._context: Any = SimpleNamespace(ok=lambda: True, try_shutdown=lambda: None)
+        self._thread: Any = SimpleNamespace(join=lambda _: None)
+        self.node = SimpleNamespace(resolve_service_name=str, destroy_node=lambda: None)
 
 
 class Robot(MoveItPy):
@@ -189,6 +224,14 @@ def test_unknown_state_and_missing_goal_are_logged_and_false(robot: Robot, arm: 
     assert not robot.execute(response.trajectory)
     assert "the group arm has no state nowhere; its states: ready" in robot.recorded.errors[0]
     assert robot.recorded.executed == []
+
+
+def test_goal_is_canceled_if_the_wait_for_its_response_is_interrupted() -> None:
+    client = InterruptedClient()
+    with pytest.raises(KeyboardInterrupt):
+        client.execute(RobotTrajectory(), 2.0, [])
+    client.shutdown()
+    assert client.events == ["cancel", "shutdown"]
 
 
 @pytest.mark.parametrize(
