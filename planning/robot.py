@@ -162,8 +162,14 @@ class PlanningRobot:
         return Validity(touches, outside, collisions.clearance(positions).distance_m)
 
     def _moved_by(self, joints: Iterable[str], scene: Scene) -> frozenset[str]:
-        """Return the links that the given joints move, and the objects attached to these links."""
-        links = {link for name in joints for link in self.carried_links(self.description.joints[name].child)}
+        """Return the links that the given joints and their mimic joints move, and the objects attached to these
+        links."""
+        leaders = set(joints)
+        followers = {
+            name for name, joint in self.description.joints.items() if joint.mimic and joint.mimic.joint in leaders
+        }
+        children = [self.description.joints[name].child for name in leaders | followers]
+        links = {link for child in children for link in self.carried_links(child)}
         return frozenset(links | {name for name, held in scene.attached.items() if held.link in links})
 
     def _outside(self, joint: str, position: float) -> str:

@@ -10,7 +10,7 @@ from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.motion import JointGoal, LineRequest, MotionRequest, State, ToolGoal
 from planning.planning_errors import PlanningError
-from planning.scene import Box, Pose, Scene, SceneObject
+from planning.scene import Box, Pose, Scene, SceneObject, Sphere
 from tests.planning.robots import robot_arm
 
 ROBOT = robot_arm()
@@ -115,6 +115,15 @@ def test_a_state_is_checked_for_contacts_and_limits() -> None:
     found = ROBOT.validity({**READY, "joint6": 9.0}, SCENE.with_object(box))
     assert {touch.other for touch in found.touches} == {"box"} and found.clearance_m <= 0.0
     assert found.outside.startswith("joint6 is at 9.0000, outside its limits")
+
+
+def test_the_hand_is_not_valid_if_its_mimic_finger_touches_an_object() -> None:
+    state = {**READY, FINGER: 0.03}
+    finger = ROBOT.link_poses(["hand_left_link"], state)["hand_left_link"]
+    ball = SceneObject("ball", ((Sphere(0.002), Pose()),), ROBOT.origin @ finger)
+    for group in ("hand", "arm", ""):
+        touches = ROBOT.validity(state, SCENE.with_object(ball), group).touches
+        assert [(touch.one, touch.other) for touch in touches] == [("hand_left_link", "ball")], group
 
 
 def test_names_that_do_not_exist_are_refused_with_those_that_do() -> None:
