@@ -102,6 +102,12 @@ class ArmModel:
         self._follow()
         mujoco.mj_kinematics(self.model, self.data)
 
+    def follower_positions(self) -> dict[str, float]:
+        """Return the current positions of the mimic joints, keyed by name, in rad or m."""
+        qpos, addresses = self.data.qpos, self.model.jnt_qposadr
+        joints = [follower.joint for follower in self.followers]
+        return {str(self.model.joint(joint).name): float(qpos[addresses[joint]]) for joint in joints}
+
     def link_pose(self, link: str) -> tuple[FloatArray, FloatArray]:
         """Return the position (3,) in m and the rotation matrix (3, 3) of a link in the world frame."""
         body = self.body(link)

@@ -216,7 +216,9 @@ class GroupPlanner:
             raise PlanningError(
                 "INVALID_LINK_NAME", f"no joint of the group {self.group.name} moves {name}: choose another link"
             )
-        others = {joint: at for joint, at in state.items() if joint not in moving}
+        arm = self._arm(state)
+        arm.set(np.array(positions_of(state, self.joints)))
+        others = {joint: at for joint, at in state.items() if joint not in moving} | arm.follower_positions()
         chain = Chain(self._model, {joint: self.limits[joint] for joint in moving}, name, others=others)
         return chain if offset is None else chain.at_frame(offset.matrix, offset.position_m)
 

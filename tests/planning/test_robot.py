@@ -44,12 +44,13 @@ def test_the_hand_is_planned_as_a_group_of_one_joint() -> None:
     assert motion.end == pytest.approx({**READY, FINGER: 0.05})
 
 
-def test_a_finger_is_brought_to_a_pose_where_the_hand_is_now() -> None:
+@pytest.mark.parametrize("finger", ["hand_right_link", "hand_left_link"])
+def test_a_finger_is_brought_to_a_pose_where_the_hand_is_now(finger: str) -> None:
     start = {**READY, FINGER: 0.03}
     wanted = {**start, "joint1": 0.4}
-    motion = ROBOT.group("arm").plan(request(start, ToolGoal(goal_at(wanted, "hand_right_link"), "hand_right_link")))
-    reached = ROBOT.link_poses(["hand_right_link"], motion.end)["hand_right_link"]
-    asked = ROBOT.link_poses(["hand_right_link"], wanted)["hand_right_link"]
+    motion = ROBOT.group("arm").plan(request(start, ToolGoal(goal_at(wanted, finger), finger)))
+    reached = ROBOT.link_poses([finger], motion.end)[finger]
+    asked = ROBOT.link_poses([finger], wanted)[finger]
     assert np.linalg.norm(reached.position_m - asked.position_m) <= 0.005
     assert motion.end[FINGER] == 0.03
 
