@@ -60,7 +60,7 @@ class LinkModel:
         self.followers = _followers(self.model)
         """Joint that each mimic joint follows, with the polynomial that relates their positions."""
         self._places = [int(joint.qposadr[0]) for joint in owned]
-        self._ranges = np.array([joint.range for joint in owned])
+        self._ranges = np.array([_range(self.model, joint) for joint in owned])
 
     def pose(self, positions: dict[str, float]) -> FloatArray:
         """Return a pose with the given joint positions.
@@ -69,6 +69,12 @@ class LinkModel:
         """
         values = {name: positions.get(name, 0.0) for name in self.joints}
         return self._followed(np.array(list(values.values())))
+
+    def default_pose(self) -> FloatArray:
+        """Return MoveIt's default pose: each joint is at 0, or in the middle of its range if 0 is outside the range.
+        Mimic joints follow the joints that they mimic."""
+        low, high = self._ranges.T
+        return self._followed(np.where((low <= 0.0) & (high >= 0.0), 0.0, (low + high) / 2.0))
 
     def random_pose(self, random: np.random.Generator) -> FloatArray:
         """Return random joint positions within the limits. Mimic joints follow the joints that they mimic."""
@@ -109,6 +115,14 @@ class LinkModel:
         return {pair(link[follower], link[leader]) for follower, (leader, _) in self.followers.items()}
 
 
+def _range(model: Any, joint: Any) -> tuple[float, float]:
+    """Return the range of a joint, which is one turn for a hinge without limits."""
+    if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE and not model.jnt_limited[joint.id]:
+        return -np.pi, np.pi
+    low, high = joint.range
+    return float(low), float(high)
+
+
 def _followers(model: Any) -> dict[str, tuple[str, FloatArray]]:
     rows = [
         row for row in range(model.neq) if model.eq_type[row] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[row] >= 0
@@ -129,7 +143,7 @@ def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair,
     """Return the pairs that do not need a collision check, each with MoveIt's term for the reason."""
     arm = LinkModel(scene)
     touched = count(arm, samples, seed)
-    at_zero = arm.touching(np.zeros(len(arm.joints)))
+    by_default = arm.touching(arm.default_pose())
     meeting = arm.meeting()
 
     def reason(links: Pair) -> str | None:
@@ -137,7 +151,7 @@ def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair,
             return "Adjacent"
         if links in meeting:
             return "User"
-        if links in at_zero:
+        if links in by_default:
             return "Default"
         if touched[links] > ALWAYS * samples:
             return "Always"

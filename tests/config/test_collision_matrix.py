@@ -3,6 +3,7 @@
 import itertools
 import runpy
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,6 +66,46 @@ def test_the_tool_works_for_any_arm(
 def test_the_tool_lists_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SystemExit, match=r"there is no arm so999: choose one of .*so101"):
         run_tool(monkeypatch, "so999")
+
+
+def turning_scene(tmp_path: Path, limits: str) -> Path:
+    """Return a scene in which link2 overlaps the base if j2 is near 0."""
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        f"""
+        <mujoco>
+          <compiler angle="radian"/>
+          <worldbody>
+            <body name="base_link">
+              <geom type="box" size="0.1 0.1 0.1"/>
+              <body name="link1" pos="0 0 0.5">
+                <joint name="j1" axis="0 0 1" range="-1 1"/>
+                <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+                <body name="link2">
+                  <joint name="j2" axis="0 1 0" {limits}/>
+                  <geom type="box" size="0.02 0.02 0.2" pos="0 0 -0.25"/>
+                </body>
+              </body>
+            </body>
+          </worldbody>
+        </mujoco>
+        """
+    )
+    return path
+
+
+def test_links_that_overlap_only_at_a_zero_outside_the_range_are_checked(tmp_path: Path) -> None:
+    scene = turning_scene(tmp_path, 'range="0.4 6.2"')
+    assert ("base_link", "link2") not in reasons(scene, samples=200)
+    assert LinkModel(scene).default_pose().tolist() == pytest.approx([0.0, 3.3])
+    assert reasons(turning_scene(tmp_path, 'range="-0.4 6.2"'), samples=200)["base_link", "link2"] == "Default"
+
+
+def test_random_poses_turn_a_hinge_without_limits(tmp_path: Path) -> None:
+    turning = LinkModel(turning_scene(tmp_path, ""))
+    random = np.random.default_rng(1)
+    turns = [turning.random_pose(random)[1] for _ in range(100)]
+    assert -np.pi <= min(turns) < -3.0 and 3.0 < max(turns) <= np.pi
 
 
 def test_the_tool_detects_meeting_fingers_and_a_folded_forearm(arm: LinkModel) -> None:
