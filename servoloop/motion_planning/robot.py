@@ -113,7 +113,7 @@ def _states(files: Files, joints: tuple[str, ...]) -> States:
     """Return the poses of an arm, keyed by name, with the positions of the driven joints."""
     states: dict[str, dict[str, float]] = {}
     if files.robot.file.park is not None:
-        states["park"] = {joint: files.robot.file.park.pose.get(joint, 0.0) for joint in joints}
+        states["park"] = {joint: at for joint, at in files.robot.file.park.pose.items() if joint in joints}
     job_file = read_arm(files.arm_folder).pick_place
     if job_file.is_file():
         job, hand = load_pick_place(job_file), [joint for joint in files.limits if joint not in joints]

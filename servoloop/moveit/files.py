@@ -118,8 +118,9 @@ def _groups(files: Files) -> dict[str, tuple[str, ...]]:
 def _states(arm: ArmFolder, groups: Mapping[str, Sequence[str]]) -> States:
     job, park = load_pick_place(arm.pick_place), load_robot_file(arm.robot).park
     states = {("arm", "ready"): dict(zip(job.joints, job.poses.ready, strict=True))}
-    if park is not None:
-        states["arm", "park"] = {joint: park.pose.get(joint, 0.0) for joint in groups["arm"]}
+    parked = {} if park is None else {joint: park.pose[joint] for joint in groups["arm"] if joint in park.pose}
+    if parked:
+        states["arm", "park"] = parked
     hand = groups.get("hand", ())
     if len(hand) == 1:
         states["hand", "open"] = {hand[0]: job.hand_open_m}

@@ -193,6 +193,13 @@ def test_a_pose_in_which_moveit_could_not_plan_is_named(tmp_path: Path) -> None:
         moveit_files(read_arm(folder), 100)
 
 
+def test_the_state_park_contains_only_the_joints_of_the_park_pose(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES, ("robot.yaml", "shoulder_pan: 0.287, ", ""))
+    written = moveit_files(read_arm(folder), 100)
+    state = states(ElementTree.fromstring(written[f"{folder.name}.srdf"]))["arm", "park"]
+    assert state == {"shoulder_lift": -1.71, "elbow_flex": 1.614, "wrist_flex": 0.981, "wrist_roll": 0.0}
+
+
 def test_a_robot_with_several_arms_has_settings_for_each_group(tmp_path: Path) -> None:
     arm = find_arm("bimanual_so101")
     for name, text in moveit_files(arm).items():

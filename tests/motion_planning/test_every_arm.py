@@ -1,6 +1,7 @@
 """Every arm can be planned between its named states, with its hand in each named state."""
 
 from itertools import permutations
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,7 @@ from planning.motion import JointGoal, MotionRequest
 from planning.robot import PlanningRobot
 from servoloop.api.options import ArmOptions
 from servoloop.motion_planning.robot import planning_robot
+from tests.arms.test_check import FILES, folder_with
 
 
 def robot(arm: str) -> PlanningRobot:
@@ -29,6 +31,12 @@ def test_the_arm_moves_between_its_states_with_every_state_of_the_hand(arm: str)
             for jaw in hand.states.values():
                 request = MotionRequest(start=start, goals=(JointGoal(jaw),), scene=scene, remaining_s=lambda: 5.0)
                 assert turned.plan(request).end[hand.joints[0]] == pytest.approx(jaw[hand.joints[0]], abs=1e-6)
+
+
+def test_a_park_pose_of_some_joints_is_not_a_state(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES, ("robot.yaml", "shoulder_pan: 0.287, ", ""))
+    assert "park" in robot("so101").groups.group("arm").states
+    assert "park" not in robot(str(folder)).groups.group("arm").states
 
 
 def test_only_pairs_of_links_that_are_near_by_design_are_not_checked() -> None:
