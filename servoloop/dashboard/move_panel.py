@@ -38,12 +38,18 @@ class Handling:
         self.message = ""
         self._buttons = buttons
         self._stop = threading.Event()
+        self._pid: int | None = None
 
-    def begin(self) -> None:
-        """Discard all commands that were meant for a previous stack."""
+    def begin(self, pid: int) -> None:
+        """Begin a connection to the stack with this process ID, and ignore held buttons.
+
+        A requested stop that has not been sent remains if the connection is to the same stack as before.
+        """
         self.message = ""
         self._buttons.end()
-        self._stop.clear()
+        if pid != self._pid:
+            self._stop.clear()
+        self._pid = pid
 
     def stop(self) -> None:
         """Ignore held buttons and request that all goals be canceled. May be called from any thread."""
@@ -53,11 +59,16 @@ class Handling:
     def step(self, client: Moves) -> None:
         """Stop if requested. Otherwise, continue the motion of the held button by one step.
 
-        After an error, the motion does not resume until a button is pressed again.
+        After an error, the motion does not resume until a button is pressed again. Raises CommandError if the stop
+        could not be sent. The next call then sends the stop again.
         """
         if self._stop.is_set():
             self._stop.clear()
-            client.stop()
+            try:
+                client.stop()
+            except BaseException:
+                self._stop.set()
+                raise
             self.message = STOPPED
         command = self._buttons.command()
         if command is None:
@@ -112,13 +123,14 @@ class Mover:
         if not self._wait_for(lambda: self._source.connected):
             return
         with CommandClient(self._source.stack, "view") as commands:
-            self._handling.begin()
+            self._handling.begin(commands.stack.pid)
             self._serve(RobotClient(commands, self._robot))
 
     def _serve(self, client: RobotClient) -> None:
         seen: object = None
         turn = 0
         while self._source.connected and not self._ended.is_set():
+            self._handling.step(client)
             idle = self.buttons.command() is None
             if idle and turn % round(RETRY_S / TICK_S) == 0:
                 active = self._source.robot.state.snapshot.statuses.get(CONTROLLERS)
@@ -128,7 +140,6 @@ class Mover:
                 self._update(find_targets(self._source.folder, client.driven, self._robot.limits))
             if idle:
                 client.listen()
-            self._handling.step(client)
             self._ended.wait(TICK_S)
             turn += 1
 

@@ -4,11 +4,13 @@ from collections.abc import Mapping
 
 import pytest
 
+from servoloop.command_socket.command_errors import CommandError
 from servoloop.dashboard.move_panel import STOPPED, Handling
 from servoloop.manual.buttons import REPEATS_HZ, GoTo, HeldButtons, Turn
 from servoloop.manual.joints_now import HandlingError
 from sim_backend.clock import SimulatedClock
 
+PID = 100
 TURN = Turn("joint1", -0.5)
 
 
@@ -30,6 +32,8 @@ class Client:
         return self.there
 
     def stop(self) -> None:
+        if self.fault:
+            raise CommandError("timeout", self.fault)
         self.asked.append("stop")
 
 
@@ -40,6 +44,7 @@ class Rig:
         self.clock, self.client = SimulatedClock(), Client()
         self.buttons = HeldButtons(self.clock)
         self.handling = Handling(self.buttons)
+        self.handling.begin(PID)
 
     def hold(self, seconds: float, command: Turn | GoTo = TURN) -> list[object]:
         """Hold the button for a given time and return the calls to the client."""
@@ -99,5 +104,24 @@ def test_a_restarted_stack_ignores_buttons_held_before(rig: Rig) -> None:
     rig.hold(0.5)
     rig.handling.stop()
     rig.hold(0.0)
-    rig.handling.begin()
+    rig.handling.begin(PID + 1)
     assert rig.hold(0.5) == [], "neither the stop nor the press applies to the new stack"
+
+
+def test_a_stop_that_was_not_sent_is_sent_over_the_next_connection_to_the_same_stack(rig: Rig) -> None:
+    rig.hold(0.5)
+    rig.handling.stop()
+    rig.handling.begin(PID)
+    assert rig.hold(0.5) == ["stop"], "the held button has no effect"
+
+
+def test_a_stop_that_failed_is_repeated(rig: Rig) -> None:
+    rig.client.fault = "the stack does not reply: check its log"
+    rig.handling.stop()
+    with pytest.raises(CommandError):
+        rig.pause(0.1)
+    rig.client.fault = ""
+    rig.handling.begin(PID)
+    rig.pause(0.1)
+    rig.pause(0.1)
+    assert rig.client.asked == ["stop"]
