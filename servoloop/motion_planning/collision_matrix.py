@@ -6,12 +6,14 @@ ensure that it matches the geometry in the URDF.
 
 import itertools
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 
+from hal.hal_errors import ArmFileError
 from hal.types import FloatArray
 from sim_backend.scene.scene_file import scene_spec
 
@@ -25,6 +27,7 @@ MoveIt's setup assistant uses the same value.
 OFTEN: Final = 0.05
 """Minimum fraction of poses in which two links must be near each other to count as near by design, although they never
 touch."""
+JOINT_DRIVES: Final = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 Pair = tuple[str, str]
 
@@ -34,20 +37,47 @@ def pair(one: str, other: str) -> Pair:
     return (one, other) if one < other else (other, one)
 
 
-def arm_links(spec: Any) -> list[Any]:
-    """Return the bodies of the arm in a scene, starting with the base."""
-    base = spec.body("base_link")
-    return [base, *base.find_all(mujoco.mjtObj.mjOBJ_BODY)]
+def arm_roots(spec: Any, scene: Path) -> list[Any]:
+    """Return the bodies on which the arm of a scene stands, which are the roots of the joints with actuators.
+
+    Raises ArmFileError if no joint of the scene has an actuator, or if one of these bodies has no name.
+    """
+    names = [one.target for one in spec.actuators if one.trntype in JOINT_DRIVES]
+    roots: list[Any] = []
+    for joint in filter(None, map(spec.joint, names)):
+        body = joint.parent
+        while body.parent != spec.worldbody:
+            body = body.parent
+        if body not in roots:
+            roots.append(body)
+    if not roots:
+        raise ArmFileError(
+            f"{scene}: no joint of the scene has an actuator: add an actuator for each joint with a servo"
+        )
+    if not all(root.name for root in roots):
+        raise ArmFileError(
+            f"{scene}: the body on which the arm stands has no name: give it the name of the first link of the URDF"
+        )
+    return roots
+
+
+def arm_links(roots: Iterable[Any]) -> list[Any]:
+    """Return the bodies of an arm that stands on the bodies ``roots``."""
+    return [link for root in roots for link in (root, *root.find_all(mujoco.mjtObj.mjOBJ_BODY))]
 
 
 class LinkModel:
-    """Model of the arm in a scene, without other objects, for finding collisions between the arm's own links."""
+    """Model of the arm in a scene, without other objects, for finding collisions between the arm's own links.
+
+    Raises ArmFileError if the scene has errors.
+    """
 
     def __init__(self, scene: Path) -> None:
         spec = scene_spec(scene)
-        links = arm_links(spec)
+        roots = arm_roots(spec, scene)
+        links = arm_links(roots)
         self.links = sorted(str(link.name) for link in links)
-        self.adjacent = {pair(str(link.parent.name), str(link.name)) for link in links[1:]}
+        self.adjacent = {pair(str(link.parent.name), str(link.name)) for link in links if link not in roots}
         for geom in spec.geoms:
             collides = geom.contype or geom.conaffinity
             geom.contype = geom.conaffinity = int(bool(collides) and geom.parent.name in self.links)

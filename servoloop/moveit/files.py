@@ -18,7 +18,7 @@ from servoloop.motion_planning.robot import srdf_of
 from servoloop.moveit.group_settings import KINEMATICS, PLANNERS, RVIZ, group_names, group_settings
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
-from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings
+from servoloop.moveit.surroundings import CollisionShape, Objects, base_link, surroundings
 from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import Files
@@ -62,12 +62,14 @@ def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
             f"poses or the scene\n{found}"
         )
     own = _of_several_arms(files, semantic) if semantic else _of_one_arm(arm, files, unchecked)
+    base = base_link(arm.scene)
     return {
         f"{arm.name}.urdf": files.description.xml,
         "joint_limits.yaml": joint_limits(files, padding_m),
         "moveit_controllers.yaml": moveit_controllers(files),
-        "planning_scene.yaml": planning_scene(objects),
+        "planning_scene.yaml": planning_scene(objects, base),
         **own,
+        RVIZ: own[RVIZ].replace("Fixed Frame: base_link\n", f"Fixed Frame: {base}\n"),
     }
 
 
@@ -171,14 +173,14 @@ def moveit_controllers(files: Files) -> str:
     return header("moveit_controllers.yaml", begin) + f"{begin}\n{names}{''.join(entries.values())}"
 
 
-def planning_scene(objects: Objects) -> str:
-    """Return planning_scene.yaml, which contains the objects as a request to /apply_planning_scene."""
+def planning_scene(objects: Objects, frame: str) -> str:
+    """Return planning_scene.yaml, which contains the objects in a frame as a request to /apply_planning_scene."""
     begin = "scene:"
     text = header("planning_scene.yaml", begin) + (
         f"{begin}\n  is_diff: true\n  robot_state: {{is_diff: true}}\n  world:\n    collision_objects:\n"
     )
     for name, shapes in objects.items():
-        text += f"      - id: {name}\n        header: {{frame_id: base_link}}\n        primitives:\n"
+        text += f"      - id: {name}\n        header: {{frame_id: {frame}}}\n        primitives:\n"
         text += "".join(
             f"          - {{type: {shape.kind}, dimensions: [{', '.join(map(str, shape.dimensions))}]}}\n"
             for shape in shapes

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.motion_planning.collision_matrix import LinkModel, Pair, arm_links
+from servoloop.motion_planning.collision_matrix import LinkModel, Pair, arm_links, arm_roots
 from servoloop.moveit.surroundings import Objects, Pose, spec_with
 from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import PickPlace, arm_jobs
@@ -30,7 +30,8 @@ class PaddedArm:
         self._links = LinkModel(scene)
         self._unchecked = set(unchecked)
         spec, names = spec_with(scene, objects, padding_m)
-        links = {link.name for link in arm_links(spec)} - {"base_link"}  # plans do not move the base
+        roots = arm_roots(spec, scene)
+        links = {link.name for link in arm_links(roots) if link not in roots}  # plans do not move the base
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         self._places = [int(self._model.joint(name).qposadr[0]) for name in self._links.joints]

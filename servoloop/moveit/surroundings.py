@@ -1,6 +1,6 @@
 """Convert the objects of an arm's scene to collision objects for MoveIt, with clearance at the arm's working poses."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 
 from hal.hal_errors import ArmFileError
 from hal.types import FloatArray
-from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
+from servoloop.motion_planning.collision_matrix import LinkModel, arm_links, arm_roots
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
@@ -63,8 +63,6 @@ class Pit:
 
 
 Objects = dict[str, list[CollisionShape]]
-BASE: Final = "base_link"
-"""First body and link of the arm."""
 
 
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
@@ -76,10 +74,8 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
     model = scene_model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE)
-    if base < 0:
-        raise ArmFileError(f"{scene}:1: the scene has no body {BASE}: give the first body of the arm this name")
-    around = [geom for geom in range(model.ngeom) if _stands(model, geom, base)]
+    bases = {model.body(root.name).id for root in arm_roots(scene_spec(scene), scene)}
+    around = [geom for geom in range(model.ngeom) if _stands(model, geom, bases)]
     found: Objects = {}
     for geom in around:
         body, name = model.body(model.geom_bodyid[geom]).name, model.geom(geom).name
@@ -91,10 +87,10 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
     return found
 
 
-def _stands(model: Any, geom: int, base: int) -> bool:
-    """Return whether a geometry is fixed and can collide."""
+def _stands(model: Any, geom: int, bases: Collection[int]) -> bool:
+    """Return whether a geometry is fixed, can collide and is not part of the arm with these bases."""
     fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
-    return bool(fixed and model.body_rootid[model.geom_bodyid[geom]] != base) and bool(
+    return bool(fixed and int(model.body_rootid[model.geom_bodyid[geom]]) not in bases) and bool(
         model.geom_contype[geom] or model.geom_conaffinity[geom]
     )
 
@@ -214,6 +210,11 @@ def _depth(x: float, y: float, pits: Sequence[Pit]) -> float:
     return max((pit.depth for pit in pits if pit.x_from < x < pit.x_to and pit.y_from < y < pit.y_to), default=0.0)
 
 
+def base_link(scene: Path) -> str:
+    """Return the name of the body on which the arm of a scene stands. Raises ArmFileError."""
+    return str(arm_roots(scene_spec(scene), scene)[0].name)
+
+
 def spec_with(scene: Path, objects: Objects, padding_m: float) -> tuple[Any, list[str]]:
     """Return the scene with the objects and with the arm padded as in MoveIt, and the names of the added geometries.
 
@@ -227,7 +228,7 @@ def spec_with(scene: Path, objects: Objects, padding_m: float) -> tuple[Any, lis
         mujoco.mjtGeom.mjGEOM_SPHERE: 1,
         mujoco.mjtGeom.mjGEOM_ELLIPSOID: 3,
     }
-    links = {link.name for link in arm_links(spec)}
+    links = {link.name for link in arm_links(arm_roots(spec, scene))}
     for geom in spec.geoms:
         if geom.parent.name in links and (geom.contype or geom.conaffinity):
             used = padded.get(geom.type, 0)

@@ -88,6 +88,10 @@ def turning_scene(tmp_path: Path, limits: str) -> Path:
               </body>
             </body>
           </worldbody>
+          <actuator>
+            <motor joint="j1"/>
+            <motor joint="j2"/>
+          </actuator>
         </mujoco>
         """
     )

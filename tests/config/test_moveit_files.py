@@ -200,6 +200,16 @@ def test_the_state_park_contains_only_the_joints_of_the_park_pose(tmp_path: Path
     assert state == {"shoulder_lift": -1.71, "elbow_flex": 1.614, "wrist_flex": 0.981, "wrist_roll": 0.0}
 
 
+def test_the_root_link_of_the_arm_may_have_any_name(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES)
+    for name in ("arm.urdf", "scene.xml"):
+        (folder / name).write_text((folder / name).read_text().replace('"base_link"', '"foot"'))
+    written = moveit_files(read_arm(folder), 100)
+    assert "header: {frame_id: foot}" in written["planning_scene.yaml"]
+    assert "Fixed Frame: foot\n" in written["moveit.rviz"]
+    assert "base_link" not in written["planning_scene.yaml"] + written["moveit.rviz"]
+
+
 def test_a_robot_with_several_arms_has_settings_for_each_group(tmp_path: Path) -> None:
     arm = find_arm("bimanual_so101")
     for name, text in moveit_files(arm).items():

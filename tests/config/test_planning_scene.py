@@ -1,5 +1,6 @@
 """Tests that planning_scene.yaml contains the simulated world, and that the padded arm can reach its working poses."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +11,7 @@ import pytest
 
 from hal.hal_errors import ArmFileError
 from servoloop.moveit.plannable import PaddedArm
-from servoloop.moveit.surroundings import ROOM_M, surroundings
+from servoloop.moveit.surroundings import ROOM_M, base_link, surroundings
 from sim_backend.scene.cube_cell import BINS
 from sim_backend.scene.world import SCENE, World
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, read_objects, states
@@ -177,8 +178,22 @@ def world_at(pose: Any) -> World:
     return World(initial_position=[*pose, 0.0])
 
 
-def test_a_scene_without_the_arms_first_body_is_refused(tmp_path: Path) -> None:
+def test_the_first_body_of_the_arm_may_have_any_name(tmp_path: Path) -> None:
     scene = tmp_path / "scene.xml"
     scene.write_text(SCENE.read_text().replace('"base_link"', '"foot"'))
-    with pytest.raises(ArmFileError, match=r"scene.xml:1: the scene has no body base_link: give the first body"):
+    assert surroundings(scene, PADDING, []) == surroundings(SCENE, PADDING, [])
+    assert base_link(scene) == "foot"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "message"),
+    [
+        ("<(actuator|keyframe)>.*?</\\1>", "", "no joint of the scene has an actuator: add an actuator for each joint"),
+        ('<body name="base_link"', "<body", "the body on which the arm stands has no name: give it the name of the"),
+    ],
+)
+def test_a_scene_without_an_arm_is_refused(tmp_path: Path, pattern: str, replacement: str, message: str) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text(re.sub(pattern, replacement, SCENE.read_text(), flags=re.DOTALL))
+    with pytest.raises(ArmFileError, match=f"scene.xml: {message}"):
         surroundings(scene, PADDING, [])

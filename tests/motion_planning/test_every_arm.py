@@ -9,7 +9,9 @@ from planning.motion import JointGoal, MotionRequest
 from planning.robot import PlanningRobot
 from servoloop.api.options import ArmOptions
 from servoloop.motion_planning.robot import planning_robot
+from servoloop.stack.arm_folders import find_arm
 from tests.arms.test_check import FILES, folder_with
+from tests.arms.test_new import made
 
 
 def robot(arm: str) -> PlanningRobot:
@@ -37,6 +39,14 @@ def test_a_park_pose_of_some_joints_is_not_a_state(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, FILES, ("robot.yaml", "shoulder_pan: 0.287, ", ""))
     assert "park" in robot("so101").groups.group("arm").states
     assert "park" not in robot(str(folder)).groups.group("arm").states
+
+
+def test_the_root_link_of_an_arm_may_have_any_name(tmp_path: Path) -> None:
+    planned = robot(str(made(tmp_path, find_arm("so101").urdf.read_text().replace('"base_link"', '"foot"'))))
+    assert planned.frame == "foot"
+    goals = (JointGoal({"shoulder_pan": 0.3}),)
+    request = MotionRequest(start=planned.rest, goals=goals, scene=planned.scene, remaining_s=lambda: 5.0)
+    assert planned.group("arm").plan(request).end["shoulder_pan"] == pytest.approx(0.3, abs=1e-6)
 
 
 def test_only_pairs_of_links_that_are_near_by_design_are_not_checked() -> None:
