@@ -1,5 +1,7 @@
 """Read an arm's files for planning: its scene, limits, groups, named states and pairs that may touch."""
 
+import logging
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -8,11 +10,11 @@ from controller.trajectory.parameters import TrajectoryParameters
 from hal.hal_errors import ArmFileError
 from planning.arm_model import ArmModel
 from planning.collision import PADDING_M
-from planning.groups import Group, Groups, States, derive_groups
+from planning.groups import Group, Groups, States, derive_groups, outside
 from planning.planning_errors import PlanningError
 from planning.robot import PlanningRobot
 from planning.srdf_file import read_pairs, read_srdf
-from servoloop.manual.poses import Poses
+from servoloop.manual.poses import PoseError, Poses
 from servoloop.motion_planning.collision_matrix import near_by_design, reasons
 from servoloop.stack.arm_folders import read_arm
 from servoloop.stack.pick_place import load_pick_place
@@ -20,6 +22,7 @@ from servoloop.stack.robot_files import Files
 from servoloop.stack.shipped_files import CONFIG
 from sim_backend.scene.scene_file import scene_spec
 
+LOG = logging.getLogger("servoloop")
 NEVER: Final = "Never"
 """Reason for pairs that did not touch in any of the random poses.
 
@@ -39,7 +42,7 @@ def planning_robot(files: Files) -> PlanningRobot:
 
     If the arm does not have an SRDF, the ``arm`` group contains the joints of the first trajectory controller, and the
     ``hand`` group contains the other joints. In this case, the named states are the poses of the pick-and-place job,
-    the robot file and ``servoloop pose``.
+    the robot file and ``servoloop pose``. Poses outside the joint limits are logged and left out.
 
     Raises:
         HalError: The arm's files have errors, or the arm has no trajectory controller.
@@ -111,18 +114,41 @@ def _arm_joints(files: Files) -> tuple[str, ...]:
 
 def _states(files: Files, joints: tuple[str, ...]) -> States:
     """Return the poses of an arm, keyed by name, with the positions of the driven joints."""
-    states: dict[str, dict[str, float]] = {}
+    states: dict[str, Mapping[str, float]] = {}
     if files.robot.file.park is not None:
-        states["park"] = {joint: at for joint, at in files.robot.file.park.pose.items() if joint in joints}
+        parked = {joint: at for joint, at in files.robot.file.park.pose.items() if joint in joints}
+        states |= _possible(files, files.robot_path, {"park": parked})
     job_file = read_arm(files.arm_folder).pick_place
     if job_file.is_file():
         job, hand = load_pick_place(job_file), [joint for joint in files.limits if joint not in joints]
-        states["ready"] = dict(zip(job.joints, job.poses.ready, strict=True))
+        working = {"ready": dict(zip(job.joints, job.poses.ready, strict=True))}
         if len(hand) == 1:
-            states |= {"open": {hand[0]: job.hand_open_m}, "close": {hand[0]: job.hand_closed_m}}
+            working |= {"open": {hand[0]: job.hand_open_m}, "close": {hand[0]: job.hand_closed_m}}
+        states |= _possible(files, job_file, working)
     if files.folder is not None:
-        states |= {name: dict(pose) for name, pose in Poses(files.folder).all().items()}
-    return {
-        name: {joint: position for joint, position in pose.items() if joint in files.limits}
-        for name, pose in states.items()
-    }
+        states |= _saved(files, Poses(files.folder))
+    return states
+
+
+def _saved(files: Files, poses: Poses) -> States:
+    """Return the saved poses. If their file has an error, the error is logged and there are no poses."""
+    try:
+        return _possible(files, poses.path, poses.all())
+    except PoseError as error:
+        LOG.warning("the saved poses are not available for planning: %s", error)
+        return {}
+
+
+def _possible(files: Files, path: Path, poses: States) -> States:
+    """Return the poses of a file with the positions of the driven joints. A pose outside the joint limits is logged and
+    left out, because the measured position of a joint may be outside."""
+    states: dict[str, Mapping[str, float]] = {}
+    for name, pose in poses.items():
+        driven = {joint: at for joint, at in pose.items() if joint in files.limits}
+        problems = [text for joint, at in driven.items() if (text := outside(files.description.joints[joint], at))]
+        if problems:
+            text = "; ".join(problems)
+            LOG.warning("%s: pose %s is not available for planning: %s: correct the position", path, name, text)
+        else:
+            states[name] = driven
+    return states

@@ -41,6 +41,27 @@ def test_a_park_pose_of_some_joints_is_not_a_state(tmp_path: Path) -> None:
     assert "park" not in robot(str(folder)).groups.group("arm").states
 
 
+@pytest.mark.parametrize(
+    ("saved", "logged"),
+    [
+        (
+            "poses:\n  home: {shoulder_pan: 0.1}\n  far: {shoulder_pan: 2.5, elbow_flex: 0.0}\n",
+            "poses.yaml: pose far is not available for planning: shoulder_pan is at 2.5, outside its limits -1.91986 "
+            "to 1.91986: correct the position",
+        ),
+        ("poses: {home: [1, 2]}\n", "the saved poses are not available for planning: "),
+    ],
+)
+def test_a_pose_that_cannot_be_used_does_not_prevent_planning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, saved: str, logged: str
+) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "poses.yaml").write_text(saved)
+    states = robot(str(folder)).groups.group("arm").states
+    assert set(states) == {"park", "ready"}
+    assert logged in caplog.text and "poses.yaml" in caplog.text
+
+
 def test_the_root_link_of_an_arm_may_have_any_name(tmp_path: Path) -> None:
     planned = robot(str(made(tmp_path, find_arm("so101").urdf.read_text().replace('"base_link"', '"foot"'))))
     assert planned.frame == "foot"
