@@ -240,7 +240,8 @@ class Arm:
 
         Raises:
             ArmSetupError: The ``planning`` extra is not installed.
-            ArmInputError: A joint or a named pose does not exist, or a value is not finite.
+            ArmInputError: A joint or a named pose does not exist, a value is not finite, or ``time_limit_s`` is not
+                above 0.
             PlanFailedError: The start or the goal is not feasible, or no path was found in time.
         """
         from servoloop.api.planning.pose import ArmPose

@@ -17,6 +17,7 @@ from planning.paths.timing import TimedPath
 from planning.robot import PlanningRobot
 from planning.scene import Scene
 from servoloop.api.arm_errors import ArmInputError
+from servoloop.api.checks import checked_number
 from servoloop.api.options import ArmOptions, setup_errors
 from servoloop.api.planning.pose import ArmPose
 from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
@@ -124,19 +125,20 @@ class MotionPlanner:
             A trajectory for ``Arm.follow``, which starts and ends at rest.
 
         Raises:
-            ArmInputError: A joint is unknown or missing, or a position is not finite.
+            ArmInputError: A joint is unknown or missing, a position is not finite, or ``time_limit_s`` is not a finite
+                time above 0.
             PlanningError: The start or the goal is not feasible, or no path was found in time. ``code`` is MoveIt's
                 error code.
         """
-        end_s, state = time.monotonic() + time_limit_s, self._state("the start", start)
-        target = self._goal(goal)
+        end_s, state = time.monotonic() + _checked_limit(time_limit_s), self._state("the start", start)
+        target, share = self._goal(goal), checked_number("speed", speed)
         group = self._group_for(target)
         request = MotionRequest(
             start=state,
             goals=(target,),
             scene=self.scene,
             remaining_s=lambda: end_s - time.monotonic(),
-            scaling=Scaling(speed, speed),
+            scaling=Scaling(share, share),
             seed=self._seed,
         )
         with SEARCH:
@@ -196,6 +198,13 @@ class MotionPlanner:
             )
         _check_finite(what, positions)
         return self.robot.state({**self.robot.rest, **positions})
+
+
+def _checked_limit(time_limit_s: object) -> float:
+    limit_s = checked_number("time_limit_s", time_limit_s)
+    if not (math.isfinite(limit_s) and limit_s > 0.0):
+        raise ArmInputError(f"time_limit_s must be a finite time above 0 s, not {time_limit_s}")
+    return limit_s
 
 
 def _check_finite(what: str, positions: Positions) -> None:

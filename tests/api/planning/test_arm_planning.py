@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -107,6 +108,12 @@ def test_bad_input_moves_nothing(ready: Arm) -> None:
     with pytest.raises(ArmInputError, match="either a target or a pose"):
         ready.move_to()
     assert ready.step(3).command == before
+
+
+@pytest.mark.parametrize("limit", [float("nan"), float("inf"), 0.0, "5", True])
+def test_a_search_needs_a_finite_time_limit(ready: Arm, limit: Any) -> None:
+    with pytest.raises(ArmInputError, match="time_limit_s must be a"):
+        ready.plan({"shoulder_pan": 0.9}, time_limit_s=limit)
 
 
 def test_without_the_extra_a_plan_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
