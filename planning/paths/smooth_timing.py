@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from ruckig import Trajectory
 
 from hal.types import FloatArray, JointLimits
 from planning.collision import Collisions, Margins
 from planning.paths.blends import SAG, distinct
 from planning.paths.margins import PathMargins
-from planning.paths.timing import PERIOD_S, Caps, TimedPath, ramp_of
+from planning.paths.timing import LONGEST_S, PERIOD_S, Caps, TimedPath, ramp_of
 
 CORNER_RAD: Final = 0.3
 """Minimum angle between two edges in joint space at which a point is considered a corner."""
@@ -79,7 +80,7 @@ def timed_smoothly(
     path: FloatArray, limits: Sequence[JointLimits], collisions: Collisions, margins: Margins
 ) -> TimedPath | None:
     """Return a trajectory along splines through the points of a path, or None if the trajectory comes too close to an
-    obstacle.
+    obstacle or takes longer than LONGEST_S.
 
     Args:
         path: Points (m, n), in rad or m. The edges between the points are free.
@@ -91,17 +92,20 @@ def timed_smoothly(
     if len(path) < 2:
         return None
     corners = _corners(path)
-    parts = [_along(Spline.through(path[first : last + 1]), limits) for first, last in itertools.pairwise(corners)]
+    splines = [Spline.through(path[first : last + 1]) for first, last in itertools.pairwise(corners)]
+    ramps = [ramp_of(0.0, 0.0, float(spline.lengths[-1]), _caps(spline, limits)) for spline in splines]
+    if sum(ramp.duration for ramp in ramps) > LONGEST_S:
+        return None
+    parts = [_along(spline, ramp) for spline, ramp in zip(splines, ramps, strict=True)]
     trajectory = _joined([part for part, _ in parts])
     sags_m = np.concatenate([[collisions.deviation_m(sag) for sag in sags] for _, sags in parts])
     contact = PathMargins(margins).for_parts().contact(collisions, list(trajectory.positions), sags_m)
     return trajectory if contact is None else None
 
 
-def _along(spline: Spline, limits: Sequence[JointLimits]) -> tuple[TimedPath, FloatArray]:
+def _along(spline: Spline, ramp: Trajectory) -> tuple[TimedPath, FloatArray]:
     """Return a trajectory along a spline that starts and ends at rest, and the maximum distance of the spline from each
     chord (k - 1, n)."""
-    ramp = ramp_of(0.0, 0.0, float(spline.lengths[-1]), _caps(spline, limits))
     times_s = np.append(np.arange(0.0, ramp.duration - PERIOD_S / 2.0, PERIOD_S), ramp.duration)
     along, speeds, gains = np.array([[float(np.ravel(value)[0]) for value in ramp.at_time(at_s)] for at_s in times_s]).T
     positions, first, second = spline.at(np.clip(along, 0.0, spline.lengths[-1]))

@@ -21,6 +21,8 @@ from planning.planning_errors import PlanningError
 
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in seconds."""
+LONGEST_S: Final = 3600.0
+"""Maximum duration of a trajectory, in seconds. It limits the memory and the time that the timing needs."""
 BISECTIONS: Final = 40
 """Number of steps in the search for the highest speed at the end of a line."""
 TURN_CHANGE: Final = 6.0
@@ -120,7 +122,7 @@ def timed(
         margins: Padding and tolerance of the path.
 
     Raises:
-        PlanningError: The path itself is in contact.
+        PlanningError: The path itself is in contact, or the motion would take longer than LONGEST_S.
     """
     margins = PathMargins(margins) if isinstance(margins, Margins) else margins
     path = distinct(np.asarray(path, dtype=float))
@@ -147,6 +149,11 @@ def _along(
     speeds = _speeds(corners, lengths, caps, limits)
     pieces = _pieces(corners, speeds, lengths, caps)
     end_s = pieces[-1].start_s + pieces[-1].lasts_s
+    if end_s > LONGEST_S:
+        raise PlanningError(
+            "PLANNING_FAILED",
+            f"the motion would take {end_s:.0f} s, which is longer than {LONGEST_S:.0f} s: increase its speed",
+        )
     times_s = np.append(np.arange(0.0, end_s - PERIOD_S / 2.0, PERIOD_S), end_s)
     stops_s = [piece.start_s for piece in pieces if piece.ramp is not None and speeds[piece.number] == 0.0]
     times_s = np.unique(

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hal.types import JointLimits
 from planning.collision import Collisions, Margins
 from planning.paths.smooth_timing import Spline, timed_smoothly
+from planning.paths.timing import scaled
 from planning.scene import Scene
 from tests.planning.arms import planar
 
@@ -45,6 +46,11 @@ def test_the_duration_hardly_depends_on_the_number_of_points() -> None:
         assert motion is not None
         durations.append(motion.duration_s)
     assert max(durations) < 1.15 * min(durations)
+
+
+def test_there_is_no_smooth_motion_that_takes_longer_than_an_hour() -> None:
+    path = np.array([[0.0, 0.0], [0.5, 0.3], [1.0, 0.5]])
+    assert timed_smoothly(path, scaled(LIMITS, 1e-6), FREE, Margins()) is None
 
 
 def test_the_arm_stops_at_a_corner() -> None:

@@ -91,6 +91,13 @@ def test_a_scaling_factor_outside_its_range_is_refused(factor):
         scaled(LIMITS, factor)
 
 
+def test_a_motion_that_would_take_longer_than_an_hour_is_refused():
+    path = np.array([[0.0, 0.0], [1.0, 0.5]])
+    with pytest.raises(PlanningError, match=r"would take \d+ s, which is longer than 3600 s: increase its speed"):
+        timed(path, scaled(LIMITS, 1e-6), FREE)
+    assert timed(path, scaled(LIMITS, 1e-2), FREE).duration_s > 60.0
+
+
 def test_a_path_of_equal_points_takes_no_time():
     assert timed(np.array([[0.1, 0.2], [0.1, 0.2]]), LIMITS, FREE).duration_s == 0.0
 
