@@ -49,7 +49,7 @@ class DrawnArm:
             if joint.name in self.measured:
                 return joint.name
             if joint.mimic is not None:
-                return joint.mimic.joint
+                return joint.mimic.joint if joint.mimic.joint in self.measured else None
             joint = self._above.get(joint.parent) if joint.kind == "fixed" else None
         return None
 

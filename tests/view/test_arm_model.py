@@ -49,6 +49,15 @@ def test_a_link_is_below_its_parents_in_the_tree_and_knows_its_joint(model: Draw
     assert joints == [None, "joint2", "hand_right_joint"], "the left finger follows the right one"
 
 
+def test_a_link_whose_mimic_joint_follows_a_joint_without_measurement_has_no_joint() -> None:
+    arm_only = DrawnArm(parse_urdf(XML).joints, ARM)
+    assert [arm_only.joint_of(link) for link in ("hand_right_link", "hand_left_link", "link2")] == [
+        None,
+        None,
+        "joint2",
+    ]
+
+
 def test_the_path_of_the_tool_starts_at_the_initial_pose_and_passes_all_points(model: DrawnArm) -> None:
     start, points = np.array([*READY, 0.0]), np.array([PICK, [0.4, *PICK[1:]]])
     path = model.path(ARM, points, start)
