@@ -43,7 +43,7 @@ class DrawnShape:
 
 
 def shapes(xml: str, folder: Path | None = None) -> tuple[list[DrawnShape], list[str]]:
-    """Return the visuals of all links of a URDF, and the names of meshes that cannot be read.
+    """Return the visuals of all links of a URDF, and the names of meshes and shapes that cannot be read.
 
     ``folder`` is the folder of the URDF and is used to resolve relative mesh paths.
     """
@@ -57,27 +57,30 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[DrawnShape], list
             if geometry is None:
                 continue
             try:
-                mesh = _mesh(geometry, folder)
+                found.append(_visual(link.get("name", ""), visual, _mesh(geometry, folder), colors))
             except MeshTooLarge as reason:
                 missing.append(str(reason))
-                continue
-            except (OSError, ValueError, NotImplementedError):
+            except Exception:  # trimesh and its optional readers raise errors of many types
                 missing.append(geometry.get("filename", geometry.tag))
-                continue
-            origin = visual.find("origin")
-            place = ORIGIN if origin is None else origin
-            found.append(
-                DrawnShape(
-                    link.get("name", ""),
-                    np.asarray(mesh.vertices, np.float64),
-                    np.asarray(mesh.faces, np.int64),
-                    _vector(place.get("xyz", "0 0 0")),
-                    from_rpy(_vector(place.get("rpy", "0 0 0"))),
-                    _rgb(visual, colors),
-                    geometry.tag == "box",
-                )
-            )
     return found, missing
+
+
+def _visual(link: str, visual: Element, mesh: trimesh.Trimesh, colors: Mapping[str, Rgb]) -> DrawnShape:
+    """Return the visual of a link with its mesh. Raises ValueError if the mesh is empty or a number is invalid."""
+    vertices = np.asarray(mesh.vertices, np.float64)
+    if not len(vertices) or not np.isfinite(vertices).all():
+        raise ValueError("the mesh has no vertices, or vertices that are not finite")
+    origin = visual.find("origin")
+    place = ORIGIN if origin is None else origin
+    return DrawnShape(
+        link,
+        vertices,
+        np.asarray(mesh.faces, np.int64),
+        _vector(place.get("xyz", "0 0 0")),
+        from_rpy(_vector(place.get("rpy", "0 0 0"))),
+        _rgb(visual, colors),
+        visual.find("geometry/box") is not None,
+    )
 
 
 def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[DrawnShape], list[str]]:
@@ -161,7 +164,7 @@ def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:
     elif geometry.tag == "sphere":
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=float(geometry.get("radius", "")))
     else:
-        path = _path(geometry.get("filename", ""), folder)
+        path = _path(geometry.attrib["filename"], folder)
         check_size(path, MeshTooLarge, LARGEST_SHAPE_BYTES, REDUCE)
         mesh = trimesh.load_mesh(path)
         mesh.vertices = mesh.vertices * _vector(geometry.get("scale", "1 1 1"))
@@ -183,10 +186,13 @@ def _rgb(visual: Element, colors: Mapping[str, Rgb]) -> Rgb:
 
 
 def _color(material: Element) -> Rgb | None:
+    """Return the color of a material, or None if the material has no color or an invalid color."""
     color = material.find("color")
-    if color is None or not color.get("rgba"):
+    try:
+        rgb = [float(part) for part in color.get("rgba", "").split()[:3]] if color is not None else []
+    except ValueError:
         return None
-    return _bytes([float(part) for part in color.get("rgba", "").split()[:3]])
+    return _bytes(rgb) if len(rgb) == 3 and all(0.0 <= part <= 1.0 for part in rgb) else None
 
 
 def _bytes(rgb: Sequence[float]) -> Rgb:

@@ -153,6 +153,45 @@ def test_meshes_are_found_next_to_the_urdf_and_missing_ones_are_reported(tmp_pat
         np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), (0.1, 0.2, 0.3))
 
 
+def drawn(folder: Path, visual: str) -> tuple[list[DrawnShape], list[str]]:
+    """Return the shapes and the names of the missing shapes of a robot with this visual."""
+    return shapes(f"<robot name='r'><link name='l'><visual>{visual}</visual></link></robot>", folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("arm.dae", "<COLLADA/>"),
+        ("arm.zip", "not a zip file"),
+        ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+        ("empty.stl", ""),
+        ("empty.obj", ""),
+    ],
+)
+def test_any_mesh_that_cannot_be_read_is_reported(tmp_path: Path, name: str, content: str) -> None:
+    (tmp_path / name).write_text(content)
+    assert drawn(tmp_path, f'<geometry><mesh filename="{name}"/></geometry>') == ([], [name])
+
+
+@pytest.mark.parametrize(
+    ("visual", "missing"),
+    [
+        ('<geometry><box size="1 1 1"/></geometry><origin xyz="0 0"/>', ["box"]),
+        ('<geometry><box size="nan 1 1"/></geometry>', ["box"]),
+        ('<geometry><capsule radius="0.1" length="1"/></geometry>', ["capsule"]),
+    ],
+)
+def test_a_shape_with_invalid_numbers_is_reported(tmp_path: Path, visual: str, missing: list[str]) -> None:
+    assert drawn(tmp_path, visual) == ([], missing)
+
+
+@pytest.mark.parametrize("rgba", ["red", "1 0", "nan 0 0 1", "255 0 0 1"])
+def test_a_shape_with_an_invalid_color_is_gray(tmp_path: Path, rgba: str) -> None:
+    material = f'<material name="m"><color rgba="{rgba}"/></material>'
+    ((shape,), missing) = drawn(tmp_path, f'<geometry><box size="1 1 1"/></geometry>{material}')
+    assert (shape.rgb, missing) == (GRAY, [])
+
+
 def test_a_mesh_that_is_too_large_is_reported_and_not_drawn(tmp_path: Path) -> None:
     with (tmp_path / "part.obj").open("wb") as file:
         file.truncate(LARGEST_SHAPE_BYTES + 1)
