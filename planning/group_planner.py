@@ -25,6 +25,7 @@ from planning.motion import (
     positions_of,
     with_positions,
 )
+from planning.paths.margins import PathMargins
 from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest, Remaining
 from planning.paths.smooth_timing import timed_smoothly
@@ -43,7 +44,7 @@ SLOWER: Final = 1.5
 """Maximum factor by which a spline may be slower than blends and still be used. A spline follows the line of a straight
 motion more closely.
 """
-NEAR: Final = Margins(1e-3, 5e-4)
+NEAR: Final = PathMargins(Margins(1e-3, 5e-4))
 """Margins below which a motion in progress is considered to be in contact."""
 
 
@@ -89,7 +90,9 @@ class GroupPlanner:
         plan = plan_path(arm, collisions, asked, request.remaining_s, request.searches)
         found_s = request.remaining_s()
         path = timed(plan.points, limits, collisions, plan.margins)
-        return self._motion(path, request.start, begun_s - found_s, found_s - request.remaining_s())
+        end = with_positions(request.start, self.joints, path.positions[-1])
+        times_s = begun_s - found_s, found_s - request.remaining_s()
+        return Motion(self.joints, path, end, plan.margins.for_parts(), *times_s)
 
     def straight(self, request: LineRequest) -> LineMotion:
         """Move a link straight from waypoint to waypoint, as far as possible.
@@ -125,7 +128,9 @@ class GroupPlanner:
         smooth = timed_smoothly(points, limits, collisions, margins)
         if smooth is not None and smooth.duration_s < SLOWER * path.duration_s:
             path = smooth
-        return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
+        end = with_positions(request.start, self.joints, path.positions[-1])
+        motion = Motion(self.joints, path, end, PathMargins(margins).for_parts())
+        return LineMotion(motion, found.fraction, found.reason)
 
     def inverse(
         self,
@@ -175,7 +180,7 @@ class GroupPlanner:
         return Collisions(self._arm(state), scene).clearance(np.array(positions_of(state, self.joints)))
 
     def future_contact(
-        self, path: TimedPath, from_s: float, state: State, scene: Scene, margins: Margins = NEAR
+        self, path: TimedPath, from_s: float, state: State, scene: Scene, margins: PathMargins = NEAR
     ) -> FutureContact | None:
         """Return the first contact in the remainder of a motion of this group, or None.
 
@@ -188,9 +193,9 @@ class GroupPlanner:
         """
         collisions = Collisions(self._arm(state), scene)
         times_s, points = path.since(from_s)
-        if collisions.path_contact(list(thinned(points, collisions.levers_m, ROUNDING_M)), margins) is None:
+        if margins.contact(collisions, list(thinned(points, collisions.levers_m, ROUNDING_M))) is None:
             return None
-        contact = collisions.path_contact(list(points), margins)
+        contact = margins.contact(collisions, list(points))
         if contact is None:
             return None
         index = min(int(contact.part), len(times_s) - 2)
@@ -275,9 +280,6 @@ class GroupPlanner:
                 for at, limit in zip(positions_of(state, self.joints), self.limits.values(), strict=True)
             ]
         )
-
-    def _motion(self, path: TimedPath, start: State, search_s: float, timing_s: float) -> Motion:
-        return Motion(self.joints, path, with_positions(start, self.joints, path.positions[-1]), search_s, timing_s)
 
 
 def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:

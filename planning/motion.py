@@ -9,6 +9,7 @@ from planning.constraints import PathConstraints
 from planning.kinematics.cartesian import Steps
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal
+from planning.paths.margins import PathMargins
 from planning.paths.request import Remaining
 from planning.paths.timing import TimedPath
 from planning.planning_errors import PlanningError
@@ -105,6 +106,8 @@ class Motion:
     """Times, positions, velocities and accelerations."""
     end: State
     """Positions of all driven joints at the end."""
+    margins: PathMargins
+    """Margins that every segment of the path satisfies."""
     search_s: float = 0.0
     """Time spent on inverse kinematics and the search, in seconds."""
     timing_s: float = 0.0

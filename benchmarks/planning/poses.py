@@ -13,6 +13,7 @@ from planning.group_planner import GroupPlanner
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.motion import Motion, MotionRequest, State, ToolGoal, with_positions
+from planning.paths.margins import PathMargins
 from planning.planning_errors import PlanningError
 from planning.robot import PlanningRobot
 from servoloop.motion_planning.robot import arm_group, planning_robot
@@ -22,7 +23,7 @@ TOLERANCE_M: Final = 0.005
 TOLERANCE_RAD: Final = 0.05
 ENOUGH_S: Final = 1.0
 """Maximum time to plan or reject a pose, in s."""
-TOUCHING: Final = Margins(1e-5, 1e-5)
+TOUCHING: Final = PathMargins(Margins(1e-5, 1e-5))
 """Distance below which a plan counts as touching an object."""
 LIMIT_S: Final = 5.0
 """Time limit of a request, in s."""

@@ -42,7 +42,9 @@ class PathMargins:
         near = tuple(replace(place, margins=place.margins.for_parts()) for place in self.near)
         return PathMargins(self.margins.for_parts(), near)
 
-    def contact(self, collisions: Collisions, points: Sequence[FloatArray], sags_m: FloatArray) -> Contact | None:
+    def contact(
+        self, collisions: Collisions, points: Sequence[FloatArray], sags_m: FloatArray | None = None
+    ) -> Contact | None:
         """Return the first contact of the edges between points (m, n), or None.
 
         ``part`` is the index of the edge plus the position on this edge.
@@ -50,8 +52,9 @@ class PathMargins:
         Args:
             collisions: Collision checks of the arm in the scene.
             points: Points (m, n), in rad or m.
-            sags_m: Distances (m - 1,) to add to the padding of each edge, in m.
+            sags_m: Distances (m - 1,) to add to the padding of each edge, in m. If None, nothing is added.
         """
+        sags_m = np.zeros(len(points) - 1) if sags_m is None else sags_m
         for index, ((start, end), sag_m) in enumerate(zip(itertools.pairwise(points), sags_m, strict=True)):
             margins = self.at(start, end)
             grown = replace(margins, padding_m=margins.padding_m + float(sag_m))

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from hal.types import JointLimits
 from servoloop.api.arm_errors import ArmInputError
 from servoloop.api.backend import ArmState
+
+if TYPE_CHECKING:
+    from planning.paths.margins import PathMargins
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +67,5 @@ class PlannedTrajectory(ArmTrajectory):
 
     start: Mapping[str, float] = field(default_factory=dict)
     """Initial positions of all joints, in rad or m, including joints that do not move."""
+    margins: "PathMargins | None" = field(default=None, repr=False, compare=False)
+    """Distances from obstacles that the path keeps. If None, ``Arm.follow`` requires a clearance of 1 mm."""

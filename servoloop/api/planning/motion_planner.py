@@ -10,7 +10,7 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.collision import Clearance, warm_up
-from planning.group_planner import GroupPlanner
+from planning.group_planner import NEAR, GroupPlanner
 from planning.kinematics.goals import PoseGoal, PositionSphere, checked_pose
 from planning.motion import JointGoal, MotionRequest, Scaling, ToolGoal
 from planning.paths.timing import TimedPath
@@ -142,12 +142,14 @@ class MotionPlanner:
             seed=self._seed,
         )
         with SEARCH:
-            path = group.plan(request).path
+            motion = group.plan(request)
+        path = motion.path
         return PlannedTrajectory(
             path.times_s.tolist(),
             dict(zip(group.joints, path.positions.T.tolist(), strict=True)),
             dict(zip(group.joints, path.velocities.T.tolist(), strict=True)),
             state,
+            motion.margins,
         )
 
     def _group_for(self, goal: JointGoal | ToolGoal) -> GroupPlanner:
@@ -171,7 +173,8 @@ class MotionPlanner:
         group = next((group for group in self._groups if set(group.joints) == moved), self._group)
         positions = np.array([trajectory.positions[joint] for joint in group.joints]).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
-        found = group.future_contact(path, 0.0, self._state("the start", start), self.scene)
+        margins = trajectory.margins if isinstance(trajectory, PlannedTrajectory) else None
+        found = group.future_contact(path, 0.0, self._state("the start", start), self.scene, margins or NEAR)
         return "" if found is None else f"{found.one} comes too close to {found.other} after {found.time_s:.1f} s"
 
     def _goal(self, goal: Positions | PoseGoal | ArmPose) -> JointGoal | ToolGoal:

@@ -9,7 +9,7 @@ import pytest
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.planning_errors import PlanningError
-from planning.scene import Box, Pose, SceneObject
+from planning.scene import Box, Pose, SceneObject, Sphere
 from servoloop import Arm, ArmInputError, MotionPlanner
 
 START = {"shoulder_pan": -0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
@@ -51,6 +51,29 @@ def test_the_tool_reaches_a_pose_around_the_wall(planner: MotionPlanner) -> None
     trajectory = planner.plan(START, goal)
     last = {joint: values[-1] for joint, values in trajectory.positions.items()}
     assert np.linalg.norm(planner.pose(last)[0] - position_m) <= 0.005
+
+
+def ball(planner: MotionPlanner, positions: dict[str, float], above_m: float) -> SceneObject:
+    """Return a ball above the tool of an arm with these positions."""
+    x, y, z = planner.pose(positions)[0]
+    place = planner.robot.origin @ Pose(np.array([x, y, z + above_m]))
+    return SceneObject("ball", ((Sphere(0.01), Pose()),), place)
+
+
+@pytest.mark.parametrize("clearance_m", [4e-4, 8e-4, 1.5e-3])
+def test_a_plan_that_begins_and_ends_near_an_object_can_be_followed(planner: MotionPlanner, clearance_m: float) -> None:
+    scene, low, high = planner.scene, 0.0, 0.1
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        planner.scene = scene.with_object(ball(planner, START, middle))
+        low, high = (middle, high) if planner.clearance(START).distance_m < clearance_m else (low, middle)
+    planner.scene = scene.with_object(ball(planner, START, high))
+    away = planner.plan(START, {"shoulder_pan": -1.4})
+    back = planner.plan({**START, "shoulder_pan": -1.4}, START)
+    assert planner.contact(away, START) == planner.contact(back, START) == ""
+    planner.scene = scene.with_object(ball(planner, {**START, "shoulder_pan": -1.1}, 0.0))
+    assert "ball after" in planner.contact(away, START)
+    planner.scene = scene
 
 
 def test_impossible_requests_are_refused(planner: MotionPlanner) -> None:
