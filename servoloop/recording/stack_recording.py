@@ -19,7 +19,7 @@ from servoloop.recording.bus_tap import BusTaps
 from servoloop.recording.fault_files import FOLDER, FaultFiles
 from servoloop.recording.feed import LiveFeed
 from servoloop.recording.mcap import McapFile, RecordingError, check_path
-from servoloop.recording.mcap_messages import GOAL, RESULT, STATES, Encoded
+from servoloop.recording.mcap_messages import GOAL, RESULT, STATES, Encoded, read_messages
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import FLUSH_S, Recorder, RecordingFile, Sink
 from servoloop.recording.sampler import Sampler, Scene
@@ -154,13 +154,26 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
     """
     with stream:
         recording = _LiveRecording(stream, McapFile(path), seconds)
-        recording.run(stop)
+        try:
+            recording.run(stop)
+        except BaseException:
+            if not _has_cycles(path):
+                path.unlink()
+            raise
     if not recording.recorded.cycles:
         path.unlink()
         raise RecordingError(
             "no cycles arrived, so nothing was recorded: check whether the stack is paused or its port hangs"
         )
     return recording.recorded
+
+
+def _has_cycles(path: Path) -> bool:
+    """Return whether a recording that could not be completed contains cycles, or cannot be read."""
+    try:
+        return path.stat().st_size > 0 and any(one.topic == STATES for one in read_messages(path))
+    except RecordingError:
+        return True
 
 
 class _LiveRecording:

@@ -10,7 +10,7 @@ from mcap.reader import NonSeekingReader
 from servoloop.recording import feed
 from servoloop.recording import stack_recording as live_recording
 from servoloop.recording.bus_tap import Transfer
-from servoloop.recording.mcap import RecordingError
+from servoloop.recording.mcap import McapFile, RecordingError
 from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.stack_recording import RecordedCycles, record
 from servoloop.recording.stream import find_stack, open_live
@@ -173,4 +173,27 @@ def test_a_stack_without_a_cycle_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="no cycles arrived"):
         recording.to_its_end()
     assert not (tmp_path / "live.mcap").exists()
+    rig.feed.close((), failed=False)
+
+
+@pytest.mark.parametrize("cycles", [False, True])
+def test_after_a_write_error_only_a_file_with_cycles_remains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cycles: bool
+) -> None:
+    rig, path, flush, full = LiveRig(), tmp_path / "live.mcap", McapFile.flush, threading.Event()
+
+    def flush_until_full(file: McapFile) -> None:
+        if full.is_set():
+            raise RecordingError(f"cannot write the recording {path}: No space left on device")
+        flush(file)
+
+    monkeypatch.setattr(McapFile, "flush", flush_until_full)
+    monkeypatch.setattr(live_recording, "FLUSH_S", live_recording.POLL_S)
+    recording = Recording(path)
+    if cycles:
+        eventually(lambda: rig.play(0.05) and path.stat().st_size > 20_000)
+    full.set()
+    with pytest.raises(RecordingError, match="No space left"):
+        recording.to_its_end()
+    assert path.exists() == cycles
     rig.feed.close((), failed=False)
