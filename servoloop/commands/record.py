@@ -1,5 +1,6 @@
 """``servoloop record``, ``plot`` and ``replay``: record a running stack, plot a recording, and repeat its motion."""
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
@@ -52,6 +53,8 @@ def record(
 
     if file is not None:
         check_path(file)
+    if seconds is not None and not math.isfinite(seconds):
+        raise DriverError(f"--seconds must be a finite number, not {seconds}: omit --seconds to record without a limit")
     stack = find_stack(arm, namespace)
     if file is None:
         file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.socket.stem.rpartition('-')[0]}{SUFFIX}"
