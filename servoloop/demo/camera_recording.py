@@ -4,19 +4,26 @@ The control loop process writes the recording. Until that process ends, the imag
 """
 
 import heapq
+import logging
 from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
+from typing import Self
 
-from mcap.exceptions import McapError
 from mcap.reader import McapReader, make_reader
 
 from servoloop.recording.mcap import SUFFIX, McapFile, RecordingError
 from servoloop.recording.message_types import PICTURE, definition
 
+LOG = logging.getLogger("servoloop")
+
 
 class CameraRecording:
-    """Camera images of one run, in a file next to the stack's recording."""
+    """Camera images of one run, in a file next to the stack's recording.
+
+    When the context ends, the images are added to the recording. If the run failed, an error in this step is only
+    logged, because the error of the run explains it.
+    """
 
     def __init__(self, recording: Path, topic: str) -> None:
         """Create the image file. Raises RecordingError if the file cannot be created."""
@@ -25,6 +32,17 @@ class CameraRecording:
         """File that holds the images until ``finish`` has added them to the recording."""
         self._file = McapFile(self.pictures)
         self._file.add_channel(topic, PICTURE, definition(PICTURE))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, failure: BaseException | None, trace: object) -> None:
+        try:
+            self.finish()
+        except RecordingError as error:
+            if failure is None:
+                raise
+            LOG.error("%s", error)
 
     def add(self, stamp_ns: int, data: bytes) -> None:
         """Write an encoded image."""
@@ -51,10 +69,15 @@ class CameraRecording:
             with self._recording.open("rb") as run, self.pictures.open("rb") as pictures:
                 _write(whole, make_reader(run), make_reader(pictures))
             whole.replace(self._recording)
-        except (OSError, McapError) as error:
+        except RecordingError:
+            raise
+        except Exception as error:  # damaged data raise errors of many types
+            reason = getattr(error, "strerror", None) or "the recording is incomplete or damaged"
             raise RecordingError(
-                f"cannot add the camera images to {self._recording}: {error}; the images remain in {self.pictures}"
+                f"cannot add the camera images to {self._recording}: {reason}; the images remain in {self.pictures}"
             ) from error
+        finally:
+            whole.unlink(missing_ok=True)
 
 
 def _write(path: Path, *readers: McapReader) -> None:

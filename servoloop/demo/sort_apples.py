@@ -23,11 +23,8 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
     camera = SceneCamera(options.found().scene)
     if options.record is None:
         return _sorted(options, live, count, camera, None)
-    pictures = CameraRecording(options.record, f"/{PICTURES}")
-    try:
+    with CameraRecording(options.record, f"/{PICTURES}") as pictures:
         return _sorted(options, live, count, camera, pictures)
-    finally:  # The recording is kept even if the run is interrupted.
-        pictures.finish()
 
 
 def _sorted(

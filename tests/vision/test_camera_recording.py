@@ -7,6 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
+from drivers.driver_errors import DriverError
 from servoloop.demo.camera_recording import CameraRecording
 from servoloop.recording.mcap import McapFile, RecordingError
 from servoloop.recording.message_types import PICTURE, STRING, definition
@@ -57,6 +58,17 @@ def test_a_damaged_recording_leaves_the_pictures(recording: Path) -> None:
     with pytest.raises(RecordingError, match=r"the images remain in .*run\.camera\.mcap"):
         pictures.finish()
     assert pictures.pictures.exists() and recording.exists()
+
+
+@pytest.mark.parametrize("length", [0, 40, 150])
+def test_a_failed_run_is_reported_instead_of_its_incomplete_recording(
+    recording: Path, length: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    recording.write_bytes(recording.read_bytes()[:length])
+    with pytest.raises(DriverError, match="the stack has ended"), CameraRecording(recording, TOPIC):
+        raise DriverError("the stack has ended")
+    assert f"{recording}: the recording is incomplete or damaged; the images remain in" in caplog.text
+    assert {path.name for path in recording.parent.iterdir()} == {"run.mcap", "run.camera.mcap"}
 
 
 def test_without_a_recording_no_pictures_remain(tmp_path: Path) -> None:
