@@ -45,7 +45,9 @@ class CellOptions:
     @property
     def apples(self) -> int | None:
         """Random seed for the apples, or None for cubes."""
-        return (self.seed or FIRST_TRAY) if self.vision else None
+        if not self.vision:
+            return None
+        return FIRST_TRAY if self.seed is None else self.seed
 
     def found(self) -> ArmFolder:
         """Return the folder of the arm. Raises ArmFileError."""

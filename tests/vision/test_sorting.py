@@ -6,6 +6,7 @@ import pytest
 
 from drivers.clock import MonotonicClock
 from perception.grading.grader import GradedApple, Grader
+from servoloop.demo.cell_options import CellOptions
 from servoloop.simulation.job import run_job
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
@@ -19,6 +20,12 @@ SEED = 2
 """Seed with apples of different grades."""
 PAUSE_S = 4.0
 LOOK_S = 0.2
+
+
+@pytest.mark.parametrize(("seed", "apples"), [(None, 2), (0, 0), (1, 1)])
+def test_the_apples_of_the_demo_have_the_seed_of_the_user(seed: int | None, apples: int) -> None:
+    assert CellOptions(vision=True, seed=seed).apples == apples
+    assert CellOptions(seed=seed).apples is None
 
 
 @pytest.mark.parametrize("name", ["robot_arm", "so101"])
