@@ -7,6 +7,8 @@ from typing import Any, Final, TypeVar, cast
 import numba
 from numba.core import event
 
+from hal.compile_cache import with_cache
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 COMPILES: Final = "numba:compile"
@@ -16,7 +18,7 @@ COMPILING: Final = "compiling the simulation into machine code; this happens onc
 
 def compiled(function: Function) -> Function:
     """Compile ``function`` and cache its machine code on disk. The result's ``.py_func`` is the original function."""
-    return cast(Function, numba.njit(cache=True)(function))
+    return cast(Function, with_cache(lambda cache: numba.njit(cache=cache)(function)))
 
 
 class _Announcement(event.Listener):

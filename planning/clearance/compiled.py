@@ -7,6 +7,8 @@ from typing import Final, TypeVar, cast
 
 import numba
 
+from hal.compile_cache import with_cache
+
 Function = TypeVar("Function", bound=Callable[..., object])
 KEY_FILE: Final = "sources.sha256"
 """Name of the file in ``__pycache__`` that contains a hash of the sources of the folder's machine code."""
@@ -17,7 +19,7 @@ def compiled(function: Function) -> Function:
 
     The function releases the GIL, so that a control loop in the same process can keep its period.
     """
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast(Function, with_cache(lambda cache: numba.njit(cache=cache, nogil=True, error_model="numpy")(function)))
 
 
 def remove_stale(folder: Path) -> None:
