@@ -1,5 +1,6 @@
 """Read meshes from STL and OBJ files with MuJoCo."""
 
+import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +13,12 @@ from planning.scene import Mesh
 
 KINDS: Final = (".stl", ".obj")
 """File types that MuJoCo can read."""
+
+MOST_TRIANGLES: Final = 200_000
+"""Maximum number of triangles that MuJoCo reads from an STL file."""
+HEADER_BYTES: Final = 84
+TRIANGLE_BYTES: Final = 50
+"""Sizes in a binary STL file. The header ends with the number of triangles, in four bytes."""
 
 
 class MeshFileError(PlanningError):
@@ -29,11 +36,17 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
         scale: Factor applied to all lengths, such as 0.001 for a file in mm.
 
     Raises:
-        MeshFileError: The file cannot be read or contains no triangles.
+        MeshFileError: The file cannot be read or contains no triangles, or the scale is not finite or 0.
     """
+    if not math.isfinite(scale) or scale == 0.0:
+        raise MeshFileError(f"the scale of {path} is {scale:g}: use a finite number other than 0")
     if path.suffix.lower() not in KINDS:
         raise MeshFileError(f"{path} is neither an STL nor an OBJ file: convert the mesh to one of these formats")
-    if not path.is_file():
+    try:
+        found = path.is_file()
+    except OSError as error:
+        raise MeshFileError(f"cannot read {path}: {error.strerror}") from error
+    if not found:
         raise MeshFileError(f"mesh file {path} does not exist: correct the path")
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(path.resolve()), scale=[scale] * 3)
@@ -41,13 +54,28 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     try:
         model = spec.compile()
     except ValueError as error:
-        raise MeshFileError(f"{path} is not a mesh with a volume: {_reason(error)}; save it as a binary STL") from error
+        raise MeshFileError(f"{path} {_problem(path, error)}") from error
     return Mesh(_original(model), np.array(model.mesh_face, dtype=np.int64))
 
 
-def _reason(error: ValueError) -> str:
-    """Return the first line of a MuJoCo error message, without its prefix."""
-    return str(error).splitlines()[0].removeprefix("Error: ").rstrip(".")
+def _problem(path: Path, error: ValueError) -> str:
+    """Return the reason why MuJoCo cannot read a mesh, with a remedy."""
+    if path.suffix.lower() == ".stl":
+        count = _triangles(path)
+        if count is None:
+            return "is not a mesh with a volume: it is not a binary STL file; save it as a binary STL"
+        if count > MOST_TRIANGLES:
+            return f"has {count} triangles, but at most {MOST_TRIANGLES} are possible: simplify the mesh"
+    reason = str(error).splitlines()[0].removeprefix("Error: ").rstrip(".")
+    return f"is not a mesh with a volume: {reason}; correct the mesh"
+
+
+def _triangles(path: Path) -> int | None:
+    """Return the number of triangles in a binary STL file, or None if the file has a different format."""
+    with path.open("rb") as file:
+        head = file.read(HEADER_BYTES)
+    count = int.from_bytes(head[-4:], "little")
+    return count if path.stat().st_size == HEADER_BYTES + TRIANGLE_BYTES * count else None
 
 
 def _original(model: Any) -> FloatArray:

@@ -35,9 +35,9 @@ class Pose:
         """Return a pose from a position (3,) in m and a quaternion x, y, z, w.
 
         Raises:
-            PlanningError: A value is not finite, or the quaternion's length is not 1.
+            PlanningError: A value is missing or not finite, or the quaternion's length is not 1.
         """
-        position, (x, y, z, w) = np.array([*position_m], dtype=float), (float(value) for value in quaternion)
+        position, (x, y, z, w) = _numbers("position", position_m, 3), _numbers("quaternion", quaternion, 4).tolist()
         length = math.sqrt(x * x + y * y + z * z + w * w)
         if not np.all(np.isfinite(position)) or not math.isfinite(length):
             raise PlanningError("INVALID_OBJECT_NAME", f"pose {position.tolist()}, {[x, y, z, w]} must be finite")
@@ -200,6 +200,18 @@ class Scene:
         """Return a scene in which two links or objects must not touch each other. Adjacent links may still touch each
         other."""
         return replace(self, allowed=self.allowed - {pair(one, other)})
+
+
+def _numbers(what: str, values: Iterable[float], count: int) -> FloatArray:
+    """Return values as an array (count,). Raises PlanningError if there are more or fewer values, or not numbers."""
+    given = [*values]
+    try:
+        found = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    if found.shape != (count,):
+        raise PlanningError("INVALID_OBJECT_NAME", f"a {what} needs {count} numbers, not {given}")
+    return found
 
 
 def check_object(item: SceneObject) -> None:

@@ -86,7 +86,10 @@ def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequ
 
 def _vector(values: Sequence[float] | FloatArray, names: str, what: str) -> FloatArray:
     """Return the values as an array with one finite value for each letter of ``names``. Raises GoalError."""
-    found = np.array(values, dtype=np.float64)
+    try:
+        found = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise invalid(f"the goal's {what} must consist of numbers, not {values!r}") from None
     if found.shape != (len(names),):
         raise invalid(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {found.size}")
     for name, value in zip(names, found.tolist(), strict=True):

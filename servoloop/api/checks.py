@@ -68,6 +68,15 @@ def checked_number(name: str, value: object) -> float:
     return found
 
 
+def checked_numbers(name: str, values: object, count: int) -> tuple[float, ...]:
+    """Convert a sequence to numbers. Raises ArmInputError if it does not contain ``count`` numbers."""
+    found = [number_of(value) for value in values] if isinstance(values, Iterable) else []
+    numbers = tuple(value for value in found if value is not None)
+    if len(found) != count or len(numbers) != count:
+        raise ArmInputError(f"{name} must consist of {count} numbers, not {values!r}")
+    return numbers
+
+
 def checked_timeout(value: object) -> float:
     """Return a maximum time to wait, in seconds, which may be infinite. Raises ArmInputError if it is not a number."""
     found = checked_number("timeout", value)

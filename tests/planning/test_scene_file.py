@@ -152,17 +152,31 @@ def test_a_yaml_file_with_one_and_with_several_shapes(tmp_path: Path) -> None:
         ("mesh: {file: cup.stl}", r"mesh file .*cup.stl does not exist: correct the path"),
         ("mesh: {file: cup.dae}", r"cup.dae is neither an STL nor an OBJ file"),
         ("mesh: {file: flat.obj}", r"flat.obj is not a mesh with a volume"),
-        ("mesh: {file: text.stl}", r"text.stl is not a mesh with a volume"),
+        ("mesh: {file: text.stl}", r"text.stl is not a mesh with a volume: it is not a binary STL file; save it as a"),
+        ("mesh: {file: index.obj}", r"index.obj is not a mesh with a volume: .* does not exist; correct the mesh"),
+        ("mesh: {file: large.stl}", "large.stl has 200001 triangles, but at most 200000 are possible: simplify the"),
+        (f"mesh: {{file: {'x' * 300}.stl}}", r"cannot read .*xx.stl: File name too long"),
         ("ball: 3", "objects.cup.ball: is not a known key"),
     ],
 )
 def test_mistakes_of_a_yaml_file_have_their_lines(tmp_path: Path, entry: str, words: str) -> None:
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "index.obj").write_text(TETRAHEDRON + "f 1 2 9\n")
     (tmp_path / "text.stl").write_text("solid nothing\nendsolid nothing\n")
+    with (tmp_path / "large.stl").open("wb") as file:
+        file.write(bytes(80) + (200_001).to_bytes(4, "little"))
+        file.truncate(84 + 50 * 200_001)
     (tmp_path / "scene.yaml").write_text(f"objects:\n  cup:\n    {entry}\n")
     with pytest.raises(PlanningError, match=words) as caught:
         read_scene_file(tmp_path / "scene.yaml")
     assert re.search(r"scene\.yaml:[23]: objects\.cup", str(caught.value))
+
+
+@pytest.mark.parametrize("scale", [0.0, float("nan"), float("inf")])
+def test_a_scale_without_a_size_is_refused(tmp_path: Path, scale: float) -> None:
+    (tmp_path / "part.obj").write_text(TETRAHEDRON)
+    with pytest.raises(PlanningError, match=r"the scale of .*part.obj is (0|nan|inf): use a finite number other than"):
+        read_mesh(tmp_path / "part.obj", scale)
 
 
 def test_a_mesh_keeps_the_frame_of_its_file(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from planning.planning_errors import PlanningError
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
 from planning.scene_file import read_scene_file
 from servoloop.api.arm_errors import PlanFailedError
+from servoloop.api.checks import checked_number, checked_numbers
 from servoloop.api.planning.motion_planner import MotionPlanner
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -28,7 +29,7 @@ class ArmScene:
     """Obstacles around an arm. Lengths are in m, and poses are in the frame of the arm's base.
 
     Initially, the obstacles are the objects from the arm's scene file. All methods raise PlanFailedError if an object
-    has no size or its pose is not finite.
+    has no size or its pose is not finite, and ArmInputError if a length is not a number.
     """
 
     def __init__(self, planner: MotionPlanner, position: Callable[[], Mapping[str, float]]) -> None:
@@ -65,7 +66,7 @@ class ArmScene:
 
         ``size_m`` (3,) contains the lengths of the box along x, y and z.
         """
-        x, y, z = (float(length) for length in size_m)
+        x, y, z = checked_numbers("size_m", size_m, 3)
         self._add(name, Box(x, y, z), position_m, quaternion_xyzw)
 
     def add_cylinder(
@@ -77,11 +78,12 @@ class ArmScene:
         quaternion_xyzw: Sequence[float] = UPRIGHT,
     ) -> None:
         """Add a cylinder along z, or replace the object with this name. The position of a cylinder is its center."""
-        self._add(name, Cylinder(height_m, radius_m), position_m, quaternion_xyzw)
+        cylinder = Cylinder(checked_number("height_m", height_m), checked_number("radius_m", radius_m))
+        self._add(name, cylinder, position_m, quaternion_xyzw)
 
     def add_sphere(self, name: str, radius_m: float, position_m: Sequence[float]) -> None:
         """Add a sphere, or replace the object with this name."""
-        self._add(name, Sphere(radius_m), position_m, UPRIGHT)
+        self._add(name, Sphere(checked_number("radius_m", radius_m)), position_m, UPRIGHT)
 
     def add_mesh(
         self,
@@ -96,7 +98,7 @@ class ArmScene:
         ``scale`` is a factor applied to all lengths, such as 0.001 for a file in mm.
         """
         with plan_errors():
-            mesh = read_mesh(Path(file), scale)
+            mesh = read_mesh(Path(file), checked_number("scale", scale))
         self._add(name, mesh, position_m, quaternion_xyzw)
 
     def load(self, file: str | Path) -> tuple[str, ...]:
@@ -125,6 +127,12 @@ class ArmScene:
     def attach(self, name: str, link: str | None, touch_links: Sequence[str] | None) -> None:
         """Attach an obstacle to a link, so that the obstacle moves with the link."""
         robot, scene, state = self._planner.robot, self._planner.scene, self._position()
+        if name not in scene.objects and name in self.names:
+            raise PlanFailedError(
+                f"{name} cannot be attached, because it contains a plane, a capsule or an ellipsoid: use an object of "
+                "boxes, spheres, cylinders and meshes",
+                code="INVALID_OBJECT_NAME",
+            )
         if name not in scene.objects:
             raise self._unknown(name)
         with plan_errors():

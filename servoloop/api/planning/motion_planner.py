@@ -163,25 +163,28 @@ class MotionPlanner:
         return next((group for group in self._groups if group.group.tip == tool), self._group)
 
     def contact(self, trajectory: ArmTrajectory, start: Positions) -> str:
-        """Describe what a trajectory of the planned joints touches in ``scene``, or return an empty string.
+        """Describe what a trajectory of planned joints touches in ``scene``, or return an empty string.
 
         Args:
-            trajectory: Points of the planned joints.
+            trajectory: Points of some or all planned joints.
             start: Positions of all joints. Only the positions of joints that are not moved by the trajectory are used.
         """
         moved = set(trajectory.positions)
-        group = next((group for group in self._groups if set(group.joints) == moved), self._group)
-        positions = np.array([trajectory.positions[joint] for joint in group.joints]).T
+        groups = [group for group in self._groups if moved.issubset(group.joints)]
+        group = min(groups, key=lambda group: len(group.joints), default=self._group)
+        state, length = self._state("the start", start), len(trajectory.times_s)
+        columns = [trajectory.positions.get(joint, [state[joint]] * length) for joint in group.joints]
+        positions = np.array(columns).T
         path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
         margins = trajectory.margins if isinstance(trajectory, PlannedTrajectory) else None
-        found = group.future_contact(path, 0.0, self._state("the start", start), self.scene, margins or NEAR)
+        found = group.future_contact(path, 0.0, state, self.scene, margins or NEAR)
         return "" if found is None else f"{found.one} comes too close to {found.other} after {found.time_s:.1f} s"
 
     def _goal(self, goal: Positions | PoseGoal | ArmPose) -> JointGoal | ToolGoal:
         if isinstance(goal, ArmPose):
             quaternion = (0.0, 0.0, 0.0, 1.0) if goal.quaternion_xyzw is None else goal.quaternion_xyzw
             pose = checked_pose(goal.position_m, quaternion)
-            region = PositionSphere(goal.tolerance_m)
+            region = PositionSphere(checked_number("tolerance_m", goal.tolerance_m))
             return ToolGoal(PoseGoal(pose, region, goal.tolerances_rad()), goal.tool or self._tool)
         if isinstance(goal, PoseGoal):
             return ToolGoal(goal, self._tool)

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from servoloop.api.checks import checked_numbers, number_of
+
 
 @dataclass(frozen=True, slots=True)
 class ArmPose:
@@ -24,10 +26,11 @@ class ArmPose:
     """Link or site that is moved to the pose. If None, the arm's tool is moved."""
 
     def tolerances_rad(self) -> tuple[float, float, float]:
-        """Return the tolerance about each axis (3,), in rad."""
+        """Return the tolerance about each axis (3,), in rad. Raises ArmInputError if there are not one or three
+        numbers."""
         if self.quaternion_xyzw is None:
             return (math.pi, math.pi, math.pi)
-        if isinstance(self.tolerance_rad, int | float):
-            return (float(self.tolerance_rad),) * 3
-        x, y, z = (float(value) for value in self.tolerance_rad)
+        if (one := number_of(self.tolerance_rad)) is not None:
+            return (one, one, one)
+        x, y, z = checked_numbers("tolerance_rad", self.tolerance_rad, 3)
         return x, y, z

@@ -1,7 +1,7 @@
 """An arm plans around the objects of its scene, and refuses a plan that no longer fits its state or its scene."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ import pytest
 from servoloop import Arm, ArmInputError, ArmPose, ArmSetupError, PlanFailedError
 
 START = {"shoulder_pan": -0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
+HERE = (0.2, 0.1, 0.2)
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +110,37 @@ def test_bad_input_moves_nothing(ready: Arm) -> None:
     with pytest.raises(ArmInputError, match="either a target or a pose"):
         ready.move_to()
     assert ready.step(3).command == before
+
+
+@pytest.mark.parametrize(
+    ("add", "words"),
+    [
+        (lambda arm: arm.scene.add_box("box", (0.1, 0.1), (0.3, 0.3, 0.1)), "size_m must consist of 3 numbers, not"),
+        (lambda arm: arm.scene.add_sphere("ball", "0.1", (0.3, 0.3, 0.1)), "radius_m must be a number, not '0.1'"),
+        (lambda arm: arm.scene.add_cylinder("rod", None, 0.1, (0.3, 0.3, 0.1)), "height_m must be a number, not None"),
+        (lambda arm: arm.plan(ArmPose(HERE, UPRIGHT, tolerance_rad=(0.1, 0.2))), "tolerance_rad must consist of 3 num"),
+        (lambda arm: arm.plan(ArmPose(HERE, tolerance_m="1")), "tolerance_m must be a number, not '1'"),
+    ],
+)
+def test_lengths_and_tolerances_must_be_numbers(ready: Arm, add: Callable[[Arm], object], words: str) -> None:
+    with pytest.raises(ArmInputError, match=words):
+        add(ready)
+
+
+@pytest.mark.parametrize(
+    ("add", "words"),
+    [
+        (lambda arm: arm.scene.add_sphere("ball", 0.1, (0.3, 0.3)), r"a position needs 3 numbers, not \[0.3, 0.3\]"),
+        (lambda arm: arm.scene.add_box("box", (1, 1, 1), HERE, (0, 0, 1)), "a quaternion needs 4 numbers, not"),
+        (lambda arm: arm.scene.add_sphere("ball", 0.1, ("a", "b", "c")), "a position needs 3 numbers, not"),
+        (lambda arm: arm.plan(ArmPose(("a", "b", "c"))), "the goal's position must consist of numbers, not"),
+        (lambda arm: arm.attach("table"), "table cannot be attached, because it contains a plane, a capsule or"),
+        (lambda arm: arm.attach("sphere"), "there is no object sphere; the objects are: "),
+    ],
+)
+def test_impossible_objects_are_refused(ready: Arm, add: Callable[[Arm], object], words: str) -> None:
+    with pytest.raises(PlanFailedError, match=words):
+        add(ready)
 
 
 @pytest.mark.parametrize("limit", [float("nan"), float("inf"), 0.0, "5", True])

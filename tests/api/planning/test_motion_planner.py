@@ -10,7 +10,7 @@ from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.planning_errors import PlanningError
 from planning.scene import Box, Pose, SceneObject, Sphere
-from servoloop import Arm, ArmInputError, MotionPlanner
+from servoloop import Arm, ArmInputError, ArmTrajectory, MotionPlanner
 
 START = {"shoulder_pan": -0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
 GOAL = {"shoulder_pan": 0.9}
@@ -74,6 +74,12 @@ def test_a_plan_that_begins_and_ends_near_an_object_can_be_followed(planner: Mot
     planner.scene = scene.with_object(ball(planner, {**START, "shoulder_pan": -1.1}, 0.0))
     assert "ball after" in planner.contact(away, START)
     planner.scene = scene
+
+
+def test_a_trajectory_of_some_joints_is_checked_with_the_other_joints_at_their_start(planner: MotionPlanner) -> None:
+    times_s = [0.0, 1.0, 2.0]
+    assert planner.contact(ArmTrajectory(times_s, {"shoulder_pan": [-0.9, -1.0, -1.1]}), START) == ""
+    assert "wall" in planner.contact(ArmTrajectory(times_s, {"shoulder_pan": [-0.9, 0.0, 0.9]}), START)
 
 
 def test_impossible_requests_are_refused(planner: MotionPlanner) -> None:
