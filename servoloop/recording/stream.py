@@ -3,6 +3,7 @@
 import os
 import re
 import socket
+import struct
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,6 +24,8 @@ FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the arm's folder."""
 COMMANDS: Final = ".command"
 """Suffix of the stack's command socket, which is in the same folder as the socket of the message stream."""
+CONNECT_S: Final = 2.0
+"""Maximum time to wait for a connection, in seconds."""
 _NAME: Final = re.compile(rf"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
@@ -181,13 +184,21 @@ class MessageStream:
 
 
 def open_live(stack: RunningStack) -> MessageStream:
-    """Open the message stream of a running stack. Raises LiveError if the stack has just stopped."""
+    """Open the message stream of a running stack. Raises LiveError if the stack has just stopped, or is paused and
+    its queue of connections is full."""
     connection = socket.socket(socket.AF_UNIX)
+    # The timeout for sending also limits the time that connect() waits for a place in the queue.
+    limit = struct.pack("ll", int(CONNECT_S), round(CONNECT_S % 1.0 * 1e6))  # seconds and microseconds
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
     try:
         connection.connect(str(stack.socket))
-    except OSError as error:
+    except (ConnectionRefusedError, FileNotFoundError) as error:
         connection.close()
         raise LiveError(f"the stack of {stack.arm} has just stopped") from error
+    except OSError as error:
+        connection.close()
+        text = f"the stack of {stack.label} does not accept connections: continue it if it is paused, or restart it"
+        raise LiveError(text) from error
 
     def close() -> None:
         try:

@@ -1,13 +1,16 @@
 """Source for a running stack: it reconnects after a restart, and a stack that sends no cycles does not count as
 live."""
 
+import os
+import socket
 from pathlib import Path
 
 import pytest
 
 from servoloop.recording import sources as live_source
+from servoloop.recording import stream
 from servoloop.recording.sources import LiveSource
-from servoloop.recording.stream import socket_path
+from servoloop.recording.stream import LiveError, find_stack, make_live_folder, open_live, socket_path
 from sim_backend.clock import SimulatedClock
 from tests.live.rig import LiveRig, runtime_folder
 from tests.servoloop.served import eventually
@@ -63,3 +66,20 @@ def test_stack_without_cycles_is_not_live(monkeypatch: pytest.MonkeyPatch) -> No
         eventually(lambda: rig.play(0.05) and source.status == "robot_arm: live")
         source.close()
         rig.feed.close((), failed=False)
+
+
+def test_a_stack_whose_queue_of_connections_is_full_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "CONNECT_S", 0.01)
+    with runtime_folder(monkeypatch), socket.socket(socket.AF_UNIX) as paused:
+        path = socket_path("so101", os.getpid())
+        make_live_folder()
+        paused.bind(str(path))
+        paused.listen(0)
+        found = find_stack("so101")  # This probe stays in the queue, because the stack does not accept it.
+        with pytest.raises(
+            LiveError, match=r"the stack of so101 \(process \d+\) does not accept connections: continue"
+        ):
+            open_live(found)
+        path.unlink()
+        with pytest.raises(LiveError, match="the stack of so101 has just stopped"):
+            open_live(found)
