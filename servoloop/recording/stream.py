@@ -33,6 +33,7 @@ class RunningStack(NamedTuple):
     """Running stack of this user."""
 
     arm: str
+    """Name of the arm. Characters that are not allowed in the names of sockets are replaced by underscores."""
     pid: int
     socket: Path
     folder: Path | None = None
@@ -81,7 +82,12 @@ def make_live_folder() -> Path:
 def socket_path(arm: str, pid: int, namespace: str = "") -> Path:
     """Return the path of a stack's socket. The socket's folder may not exist yet."""
     owner = f"{namespace[1:].replace('/', '.')}@" if namespace else ""
-    return live_folder() / f"{owner}{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
+    return live_folder() / f"{owner}{_in_file_names(arm)}-{pid}{SUFFIX}"
+
+
+def _in_file_names(arm: str) -> str:
+    """Return the name of an arm as it appears in the names of sockets."""
+    return re.sub(r"[^A-Za-z0-9_.]", "_", arm)
 
 
 def running_stacks() -> list[RunningStack]:
@@ -129,7 +135,7 @@ def _is_of(stack: RunningStack, arm: str | None, namespace: str | None) -> bool:
         return True
     if "/" in arm:
         return stack.folder is not None and stack.folder == Path(arm).resolve()
-    return arm in (stack.arm, str(stack.pid))
+    return _in_file_names(arm) == stack.arm or arm == str(stack.pid)
 
 
 def _answering() -> Iterator[RunningStack]:
