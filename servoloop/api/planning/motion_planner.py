@@ -202,6 +202,9 @@ class MotionPlanner:
             raise ArmInputError(
                 f"{missing[0]} has no position in {what}: specify a position for each of {', '.join(self.joints)}"
             )
+        if unknown := sorted(positions.keys() - self.robot.description.joints.keys()):
+            known = ", ".join(self.robot.limits)
+            raise ArmInputError(f"{what} has a position for {unknown[0]}, which is not a joint: choose from {known}")
         _check_finite(what, positions)
         return self.robot.state({**self.robot.rest, **positions})
 
@@ -215,5 +218,5 @@ def _checked_limit(time_limit_s: object) -> float:
 
 def _check_finite(what: str, positions: Positions) -> None:
     for joint, position in positions.items():
-        if not math.isfinite(position):
+        if not math.isfinite(checked_number(joint, position)):
             raise ArmInputError(f"{what}: {joint} is {position}: use a finite number", joint)

@@ -92,6 +92,10 @@ def test_impossible_requests_are_refused(planner: MotionPlanner) -> None:
         planner.plan(START, {"elbow": 0.1})
     with pytest.raises(ArmInputError, match="shoulder_lift has no position in the start"):
         planner.plan({"shoulder_pan": 0.0}, GOAL)
+    with pytest.raises(ArmInputError, match="the start has a position for knee, which is not a joint: choose from"):
+        planner.plan({**START, "knee": 0.0}, GOAL)
+    with pytest.raises(ArmInputError, match="shoulder_pan must be a number, not '1'"):
+        planner.plan(START, {"shoulder_pan": "1"})  # type: ignore[dict-item]
     with pytest.raises(ArmInputError, match="shoulder_pan is nan"):
         planner.plan({**START, "shoulder_pan": math.nan}, GOAL)
     far = PoseGoal(
