@@ -8,9 +8,11 @@ session between two cycles.
 import logging
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+from servoloop.api.arm_errors import ArmError
 from servoloop.command_server.requests import StackRequests
 from servoloop.command_socket import messages
 from servoloop.command_socket.command_errors import CommandError
@@ -137,8 +139,9 @@ class Session:
             self.flush()
         now_s = self._requests.time.now()
         if self._watch_s is not None and not self._unsent and now_s - self._shown_s >= self._watch_s:
-            self._shown_s = now_s
-            self.post({"event": "state", **state()})
+            with suppress(ArmError):  # The stack has no state before its first cycle.
+                self.post({"event": "state", **state()})
+                self._shown_s = now_s
 
     def end(self) -> None:
         """Stop the motions of the client within their limits, even after an error."""

@@ -21,14 +21,15 @@ from tests.stack.rig import READY
 class Client:
     """Client that accepts at most ``accepts`` bytes per call."""
 
-    def __init__(self) -> None:
+    def __init__(self, runs_s: float = 0.1) -> None:
+        """Connect to a stack after it has run for this time, in seconds."""
         self.stack = SimulatedStack(start=(*READY, 0.0)).up()
         time, control, recording = BetweenCycles(self.stack.loop), self.stack.control_stack, StackRecording(None)
         arm = StackBackend(control, describe(control), time, lambda: None, recording)
         self.requests = StackRequests(control, arm, recording, time)
         self.accepts, self.open, self.read = 1_000_000, True, bytearray()
         self.session = Session("client", self, self.requests)
-        self.wait_s(0.1)
+        self.wait_s(runs_s)
 
     def send(self, data: bytes | bytearray) -> int:
         self.read += data[: self.accepts]
@@ -73,6 +74,17 @@ def test_a_message_in_two_halves_is_carried_out_when_it_is_complete_unless_it_is
     assert reply.get("error", {}).get("type") == outcome
     client.wait_s(2.0)
     assert client.stack.loop.command[0] == pytest.approx(READY[0] if outcome else 0.4, abs=1e-3)
+
+
+def test_a_client_that_watches_before_the_first_cycle_receives_states_afterward() -> None:
+    client = Client(runs_s=0.0)
+    client.write(client.line("watch", rate_hz=10.0))
+    client.session.notify(client.requests.state)
+    assert client.replies() == []
+    client.wait_s(0.1)
+    client.session.notify(client.requests.state)
+    (state,) = client.replies()
+    assert state["event"] == "state"
 
 
 def test_messages_beyond_the_rate_wait_and_none_is_lost(client: Client) -> None:
