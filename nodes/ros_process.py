@@ -5,11 +5,11 @@ import faulthandler
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from math import inf
 from time import monotonic
-from typing import Final
+from typing import Any, Final
 
 import rclpy
 from rclpy.exceptions import InvalidHandle, NameValidationException
@@ -23,6 +23,8 @@ from nodes.namespace import namespace_arguments
 from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
+STOP_LIMIT_S: Final = 30.0
+"""Maximum time to stop the arm after an exception in a callback, in seconds."""
 STDERR: Final = 2
 """File descriptor of standard error. ``sys.stderr`` may be replaced by an object that has no file descriptor."""
 _TURN_S: Final = 0.1
@@ -104,6 +106,22 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
     while not future.done() and monotonic() < end_s:
         executor.spin_once(timeout_sec=turn_s)
     return bool(future.done())
+
+
+def spin_until_stopped(executor: Executor, stopped: Future, stop: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Spin the executor of a node that moves an arm until ``stopped`` is done.
+
+    If a callback raises an exception, ``stop`` runs before the exception is raised, so that no motion continues without
+    its node. Other exceptions are ignored in the meantime.
+    """
+    try:
+        spin_until_done(executor, stopped)
+    except Exception:
+        end_s, task = monotonic() + STOP_LIMIT_S, executor.create_task(stop)
+        while not task.done() and monotonic() < end_s:
+            with suppress(Exception):
+                spin_until_done(executor, task, end_s - monotonic())
+        raise
 
 
 @contextmanager

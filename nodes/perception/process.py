@@ -62,10 +62,11 @@ def _run(args: Sequence[str], setup: Setup) -> int:
     camera: CameraNode | None = None
     try:
         camera = CameraNode(node, setup, MonotonicClock())
-        spin_until_done(executor, stopped)
     except (ValueError, ParameterException, NameValidationException, PerceptionError) as error:
         node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
+    else:
+        spin_until_done(executor, stopped)
     finally:
         with exit_watchdog():
             if camera is not None:

@@ -11,7 +11,6 @@ from apple_quality_msgs.msg import AppleQualityArray
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
-from rclpy.time import Time
 from sorting_arm_interfaces.action import PickPlace
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
@@ -133,7 +132,7 @@ class PickPlaceNode:
 
     def _reason_to_ignore(self, stamp: Any, grade: str | None) -> str | None:
         now_s = self._node.get_clock().now().nanoseconds * 1e-9
-        stamp_s = Time.from_msg(stamp).nanoseconds * 1e-9
+        stamp_s = stamp.sec + stamp.nanosec * 1e-9  # rclpy's Time refuses the negative stamps that a message may have.
         stale = reason_not_fresh(stamp_s, now_s, self._settings.vision_max_age_s)
         if stale is not None:
             return stale

@@ -10,7 +10,7 @@ from rclpy.task import Future
 from drivers.printable import printable, printable_line
 from nodes.pick_place import parameters
 from nodes.pick_place.node import PickPlaceNode
-from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_done
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_stopped
 from nodes.stop_signals import on_stop_signal
 
 NODE_NAME = "vision_pick_place_controller"
@@ -46,12 +46,13 @@ def run(args: Sequence[str]) -> int:
     try:
         given = parameters.undeclare_overrides(node)
         controller = PickPlaceNode(node)
-        for warning in parameters.unused(node, given, args):
-            node.get_logger().warning(printable_line(warning))
-        spin_until_done(executor, stopped)
     except (ValueError, ParameterException, NameValidationException) as error:
         node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
+    else:
+        for warning in parameters.unused(node, given, args):
+            node.get_logger().warning(printable_line(warning))
+        spin_until_stopped(executor, stopped, stop)
     finally:
         with exit_watchdog():
             executor.shutdown()

@@ -13,7 +13,7 @@ from rclpy.task import Future
 from nodes.only_one import Search
 from nodes.planning.move_group import NAME, MoveGroupNode
 from nodes.planning.routes import Route
-from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_stopped
 from nodes.stop_signals import on_stop_signal
 from planning.robot import PlanningRobot
 
@@ -80,7 +80,7 @@ def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: C
     on_stop_signal(lambda: executor.create_task(stop, "the planning server exits"))
     try:
         ready()
-        spin_until_done(executor, stopped)
+        spin_until_stopped(executor, stopped, lambda: stop("the planning server exits because of an internal error"))
     finally:
         with exit_watchdog():
             executor.shutdown(timeout_sec=1.0)

@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from nodes.ros_process import spin_until_done
+from nodes.ros_process import spin_until_done, spin_until_stopped
 
 
 class Counting(Future):
@@ -72,4 +72,28 @@ def test_wait_ends_at_the_timeout(node: Node) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     assert not spin_until_done(executor, Future(), 0.05)
+    executor.shutdown()
+
+
+@pytest.mark.ros
+def test_failing_callbacks_do_not_prevent_the_orderly_end(node: Node) -> None:
+    executor, stopped, steps = SingleThreadedExecutor(), Future(), list[str]()
+    executor.add_node(node)
+    bell = Future(executor=executor)
+
+    def fail() -> None:
+        if steps and not bell.done():
+            bell.set_result(None)
+        raise ValueError("a defect")
+
+    async def stop() -> None:
+        steps.append("cancel")
+        await bell
+        steps.append("result")
+        stopped.set_result(None)
+
+    node.create_timer(0.01, fail)
+    with pytest.raises(ValueError, match="a defect"):
+        spin_until_stopped(executor, stopped, stop)
+    assert steps == ["cancel", "result"]
     executor.shutdown()

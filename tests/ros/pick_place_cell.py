@@ -13,7 +13,6 @@ from typing import Any, Self
 import rclpy
 from apple_quality_msgs.msg import AppleQuality, AppleQualityArray
 from rclpy.action import ActionClient
-from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from sorting_arm_interfaces.action import PickPlace
 from std_msgs.msg import String
@@ -189,8 +188,8 @@ class Cell:
         """Publish a vision message of a given age, or without a stamp if the age is None."""
         message = AppleQualityArray(apples=[AppleQuality(grade=grade) for grade in grades])
         if age_s is not None:
-            now = self.node.get_clock().now()
-            message.header.stamp = (now - Duration(nanoseconds=int(age_s * 1e9))).to_msg()
+            stamp_ns = self.node.get_clock().now().nanoseconds - int(age_s * 1e9)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
         self._vision.publish(message)
         self.sights += 1
 

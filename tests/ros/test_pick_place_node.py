@@ -269,6 +269,7 @@ def test_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
     ("grades", "age_s", "words"),
     [
         (["A"], 2.0, "s old; the maximum age is 1 s"),
+        (["A"], 2e9, "s old; the maximum age is 1 s"),  # The stamp is negative.
         (["A"], None, "no stamp"),
         (["A"], -60.0, "in the future"),
         (["", " "], 0.0, "none of its apples has a grade"),
