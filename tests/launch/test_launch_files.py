@@ -12,6 +12,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from hal.hal_errors import ArmFileError
+from servoloop.stack.arm_folders import ArmFolder, arms
+from servoloop.stack.shipped_files import CONFIG
 from tests.launch.conftest import ROOT
 from tests.launch.reading import CONTROL, MOVEIT, actions, parse, words
 from tests.ros.stack_process import until
@@ -54,6 +57,26 @@ def test_a_namespace_reaches_servoloop_and_the_node(share: Path) -> None:
     process, node = actions(share / "launch" / CONTROL, namespace="left", pick_place="true")
     assert parse(process.cmd[1:])["namespace"] == "/left"
     assert node.namespace.name == "namespace"
+
+
+@pytest.mark.parametrize("arm", [arm for arm in arms() if arm.pick_place.exists()], ids=lambda arm: arm.name)
+def test_the_node_gets_the_poses_of_the_arm(share: Path, arm: ArmFolder) -> None:
+    for name, config in ((arm.name, share / "config"), (str(arm.folder), CONFIG)):
+        _, node = actions(share / "launch" / CONTROL, arm=name, pick_place="true")
+        assert node.parameters == [str(config / arm.pick_place.relative_to(CONFIG))]
+
+
+def test_the_node_does_not_move_an_arm_without_poses(share: Path, tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text("description: an arm\n")
+    with pytest.raises(ArmFileError, match=rf"pick_place:=true requires {tmp_path}/pick_place.yaml: add this file"):
+        actions(share / "launch" / CONTROL, arm=str(tmp_path), pick_place="true")
+
+
+def test_the_node_does_not_move_an_unknown_arm(share: Path) -> None:
+    with pytest.raises(ArmFileError, match=r"move the arm of /a.urdf to the poses of robot_arm: specify"):
+        actions(share / "launch" / CONTROL, urdf="/a.urdf", pick_place="true")
+    _, node = actions(share / "launch" / CONTROL, arm="robot_arm", urdf="/a.urdf", pick_place="true")
+    assert node.parameters == [str(share / "config" / "vision_pick_place_controller.yaml")]
 
 
 def test_there_is_time_to_park(share: Path) -> None:
