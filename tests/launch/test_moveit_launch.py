@@ -151,7 +151,7 @@ def values_in_a_node(arguments: list[str]) -> dict[str, Any]:
         ("ompl_planning.yaml", "a: [" + "1, " * 200_000 + "]", r"ompl_planning.yaml has more than 150000 values"),
         ("planning_scene.yaml", "a: " + "[" * 5000, r"planning_scene.yaml:1: the file .* is nested too deeply"),
         ("robot_arm.srdf", "<!-- L\xe4nge -->", r"robot_arm.srdf is not text in UTF-8 \(line 1"),
-        ("other.srdf", "<robot/>", r"has 2 files \*.srdf instead of one"),
+        ("other.srdf", "<robot/>", r"contains 2 .srdf files instead of one"),
     ],
 )
 def test_a_file_that_cannot_be_is_refused_in_a_sentence(
