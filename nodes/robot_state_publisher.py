@@ -6,6 +6,7 @@ process instead of subscribing to a topic. Changing ``frame_prefix`` also affect
 because the stack drives the robot with which it was started.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Final
 
 from builtin_interfaces.msg import Time
@@ -62,16 +63,20 @@ class RobotStatePublisher:
         self._declare()
         self._prepare_transforms()
 
-    def publish(self, states: JointStates, stamp: Time) -> None:
-        """Publish the moving links at the measured positions, and the objects of the simulated scene."""
-        due = self._rate_limiter.due(states.stamp_s, self._parameters.publish_frequency)
+    def publish(self, states: Sequence[JointStates], stamp: Time) -> None:
+        """Publish the moving links at the positions that the broadcasters measured in one cycle, and the objects of the
+        simulated scene."""
+        stamp_s = states[0].stamp_s
+        due = self._rate_limiter.due(stamp_s, self._parameters.publish_frequency)
         if not (due or self._parameters.ignore_timestamp):
             return
         if not self._tf.get_subscription_count():
-            if self._idle.due(states.stamp_s, _IDLE_SCENE_HZ):
+            if self._idle.due(stamp_s, _IDLE_SCENE_HZ):
                 self._stack.scene()
             return
-        transforms = self._moving.transforms(states.names, states.position.tolist(), stamp) + self._scene(stamp)
+        positions = _positions(states)
+        moving = self._moving.transforms(tuple(positions), list(positions.values()), stamp)
+        transforms = moving + self._scene(stamp)
         if transforms:
             self._tf.publish(TFMessage(transforms=transforms))
 
@@ -122,6 +127,16 @@ class RobotStatePublisher:
         self._moving = MovingTransforms(joints.values(), prefix)
         stamp = self.node.get_clock().now().to_msg()
         self._tf_static.publish(TFMessage(transforms=fixed_transforms(joints, prefix, stamp)))
+
+
+def _positions(states: Sequence[JointStates]) -> dict[str, float]:
+    """Return the position of each joint. The position is NaN if no broadcaster measures it."""
+    found: dict[str, float] = {}
+    for one in states:
+        for name, position in zip(one.names, one.position.tolist(), strict=True):
+            if name not in found or position == position:  # A position that is not NaN takes precedence.
+                found[name] = position
+    return found
 
 
 def _describe(error: ValidationError) -> str:

@@ -130,9 +130,9 @@ class StackNodes:
         self._controllers.publish(stamp, cycles)
         self._hardware.update(state)
         self._manager.publish_cycle(state, stamp)
-        for broadcaster in self._broadcasters:
-            if self._robot_state_publisher is not None and broadcaster.state is not None:
-                self._robot_state_publisher.publish(broadcaster.sample(state), stamp)
+        measured = [broadcaster.sample(state) for broadcaster in self._broadcasters if broadcaster.state is not None]
+        if self._robot_state_publisher is not None and measured:
+            self._robot_state_publisher.publish(measured, stamp)
 
     def _respond(self) -> None:
         """Respond to clients whose requests are complete."""

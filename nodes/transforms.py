@@ -26,7 +26,7 @@ class MovingTransforms:
     def transforms(self, names: Sequence[str], positions: Sequence[float], stamp: Time) -> list[TransformStamped]:
         """Return the transforms of the joints in ``names`` and of the joints that mimic them, omitting joints with NaN
         positions."""
-        if names is not self._names:
+        if names != self._names:
             self._names, self._messages = names, list(self._among(names))
         shown = []
         for index, mimic, place, message in self._messages:

@@ -2,13 +2,20 @@
 
 import math
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
+from tf2_msgs.msg import TFMessage
 
+from controller.broadcasters.joint_state_broadcaster import JointStates
 from hal.robot_description.description import Mimic, UrdfJoint
 from hal.robot_description.kinematics import child_pose
+from nodes.publishing import RateLimiter
+from nodes.robot_state_publisher import RobotStateParameters, RobotStatePublisher
 from nodes.transforms import MovingTransforms, fixed_transforms
 
 STAMP = Time(sec=3, nanosec=7)
@@ -71,6 +78,23 @@ def test_changed_names_are_looked_up_again() -> None:
     transforms = MovingTransforms([joint("a", "prismatic"), joint("b", "prismatic")], "")
     assert set(shown(transforms.transforms(("a",), (0.1,), STAMP))) == {"after_a"}
     assert set(shown(transforms.transforms(("b",), (0.1,), STAMP))) == {"after_b"}
+
+
+def test_transforms_of_several_broadcasters_are_in_one_message() -> None:
+    published: list[TFMessage] = []
+    publisher = cast(Any, RobotStatePublisher.__new__(RobotStatePublisher))
+    publisher._parameters, publisher._stack = RobotStateParameters(), SimpleNamespace(scene=dict)
+    publisher._rate_limiter, publisher._idle = RateLimiter(), RateLimiter()
+    publisher._tf = SimpleNamespace(get_subscription_count=lambda: 1, publish=published.append)
+    publisher._moving = MovingTransforms([joint("a", "prismatic"), joint("b", "prismatic")], "")
+    for stamp_s in (1.0, 2.0):
+        publisher.publish([states(stamp_s, a=0.1), states(stamp_s, a=math.nan, b=0.2)], STAMP)
+    assert [set(shown(message.transforms)) for message in published] == [{"after_a", "after_b"}] * 2
+
+
+def states(stamp_s: float, **positions: float) -> JointStates:
+    values = np.array(list(positions.values()))
+    return JointStates(stamp_s, tuple(positions), values, values, values)
 
 
 def test_frames_have_the_prefix_of_the_robot() -> None:
