@@ -133,7 +133,7 @@ def test_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) ->
     answer = client.wait(result)
     assert answer.status == ABORTED
     text = "Current goal cancelled during deactivate transition."
-    assert answer.result.error_string == f"{text} arm is being set inactive"
+    assert answer.result.error_string == f"{text} arm is being set to inactive"
     assert controllers(client)["hand_controller"] == "active"
 
 
