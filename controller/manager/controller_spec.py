@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.parameters import Parameters
+from hal.robot_description.node_names import STACK_NODES
 
 ROS_ARGUMENTS: Final = "--ros-args"
 
@@ -15,9 +16,9 @@ def name_mistake(name: str) -> str | None:
 
     The ROS node of the controller has the same name.
     """
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        return None
-    return "is not a valid controller name: use letters, digits and _, and do not start with a digit"
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        return "is not a valid controller name: use letters, digits and _, and do not start with a digit"
+    return "is the name of a node of the stack itself: rename the controller" if name in STACK_NODES else None
 
 
 def with_ros_flag(arguments: Sequence[str]) -> tuple[str, ...]:

@@ -295,7 +295,10 @@ class _Reader:
             )
             self.report(MANAGER, name, why)
             return
-        if mistake := name_mistake(str(name)):
+        mistake = name_mistake(str(name))
+        if name in self.component.node_names:
+            mistake = "is also the name of a <ros2_control> block, whose node has the same name: rename one of them"
+        if mistake:
             self.report(MANAGER, name, mistake)
             return
         own = {key: value for key, value in parameters.items() if key not in SETTINGS}

@@ -10,6 +10,7 @@ from hal.robot_description.command_ranges import narrowed, range_problems, range
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info, without_refused_mimics
 from hal.robot_description.limit_check import limit_problems, with_wheel_speeds
 from hal.robot_description.links import Link, link_problems, parse_links
+from hal.robot_description.node_names import STACK_NODES
 from hal.robot_description.soft_limits import (
     SoftLimits,
     parse_soft_limits,
@@ -126,6 +127,7 @@ def _check_apart(
     """
     if twice := doubles(component.name for component in components):
         raise DescriptionError(f"two <ros2_control> blocks are named '{twice[0]}' ({places[twice[0]]}): rename one")
+    _check_node_names(components, places)
     owners = [(joint, component.name) for component in components for joint in component.command_interfaces]
     if twice := doubles(name for component in components for name in component.sensors):
         raise DescriptionError(f"two blocks have a <sensor> or <gpio> named '{twice[0]}': rename one")
@@ -142,3 +144,17 @@ def _check_apart(
                 f"joint '{joint}' mimics '{mimic.joint}', which is not in a <ros2_control> block "
                 f"({joints[joint].place}): add {mimic.joint} to a block"
             )
+
+
+def _check_node_names(components: Sequence[HardwareInfo], places: Mapping[str, str]) -> None:
+    """Check that the ROS nodes of the blocks and of the stack have different names. The arguments are those of
+    ``_check_apart``."""
+    owners: dict[str, str] = {}
+    for component in components:
+        name = component.name
+        block, (node,) = f"<ros2_control name='{name}'> ({places[name]})", component.node_names
+        if node in STACK_NODES:
+            raise DescriptionError(f"{block} has the name of the stack's own node {node}: rename the block")
+        if node in owners:
+            raise DescriptionError(f"{block} has the node name {node}, as has '{owners[node]}': rename one block")
+        owners[node] = name

@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element
 from hal.hal_errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
+from hal.robot_description.node_names import component_node
 from hal.robot_description.outputs import COMMANDS, OutputInfo, parse_outputs
 from hal.robot_description.servo_sensors import SENSORS, SensorInfo, parse_sensors
 from hal.robot_description.transmissions import SimpleTransmission, parse_transmissions
@@ -41,6 +42,13 @@ class HardwareInfo:
     """Command interfaces that do not move a joint, keyed by name (``lamp/led``)."""
     rw_rate: int = 0
     """Rate at which the component is read and written, in Hz; 0 means every cycle."""
+    merged_names: tuple[str, ...] = ()
+    """Names of the blocks that were merged into this one. Empty for a single block."""
+
+    @property
+    def node_names(self) -> tuple[str, ...]:
+        """Names of the ROS nodes of all blocks."""
+        return tuple(map(component_node, self.merged_names or (self.name,)))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -80,6 +88,7 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
         transmissions={joint: found for c in components for joint, found in c.transmissions.items()},
         sensors={name: found for c in components for name, found in c.sensors.items()},
         outputs={name: found for c in components for name, found in c.outputs.items()},
+        merged_names=tuple(c.name for c in components),
     )
 
 

@@ -1,6 +1,5 @@
 """Create the nodes of the hardware components, with their parameters and ``/diagnostics`` at 1 Hz."""
 
-import re
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -8,6 +7,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
 from controller.diagnostics import Status, statuses
+from hal.robot_description.node_names import component_node
 from hal.types import JointState
 from nodes.only_one import OtherNodes
 from nodes.parameter_node import ParameterNode
@@ -23,7 +23,7 @@ class HardwareNodes:
 
     def __init__(self, stack: Stack, ros_time: RosTime, others: OtherNodes) -> None:
         components = stack.description.components
-        self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
+        self.nodes = [ParameterNode(component_node(component.name), ros_time) for component in components]
         self._stack, self._others = stack, others
         self._state: JointState | None = None
         # The first node reports for all components in one message, because all components run in the same process.
@@ -60,12 +60,6 @@ def diagnostic_message(status: Status, namespace: str) -> DiagnosticStatus:
         hardware_id=status.hardware_id,
         values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
     )
-
-
-def _node_name(component: str) -> str:
-    """Convert a component name, which may be any string, to a valid node name (letters, digits and underscores)."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", component)
-    return f"_{name}" if name[0].isdigit() else name
 
 
 def _switching(switch: Callable[[bool], None]) -> Callable[[list[Parameter]], SetParametersResult]:

@@ -172,6 +172,14 @@ MISTAKES = {
         ("    hand_controller:\n", "    hand-2:\n"),
         ["hand-2 is not a valid controller name: use letters, digits and _, and do not start with a digit"],
     ),
+    "the name of the manager": (
+        ("    hand_controller:\n", "    controller_manager:\n"),
+        ["controller_manager is the name of a node of the stack itself: rename the controller"],
+    ),
+    "the name of a component": (
+        ("    hand_controller:\n", "    arm:\n"),
+        ["arm is also the name of a <ros2_control> block, whose node has the same name: rename one of them"],
+    ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
     "missing joints": (("    joints: [right]\n", ""), ["hand_controller.joints: is missing: add the key"]),
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),

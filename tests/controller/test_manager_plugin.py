@@ -187,8 +187,15 @@ def test_a_switch_after_its_timeout_is_not_done() -> None:
     assert bench.manager.registry.state("arm") is LifecycleState.ACTIVE
 
 
-@pytest.mark.parametrize("name", ["spare-arm", "2nd", "a/b", "bräter"])
-def test_an_invalid_node_name_is_rejected(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        *((name, "is not a valid controller name: use letters, digits and _") for name in ("spare-arm", "2nd", "a/b")),
+        ("bräter", "is not a valid controller name"),
+        ("robot_state_publisher", "is the name of a node of the stack itself: rename the controller"),
+    ],
+)
+def test_an_invalid_node_name_is_rejected(name: str, text: str) -> None:
     manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
-    with pytest.raises(ManagerError, match=f"^{name} is not a valid controller name: use letters, digits and _"):
+    with pytest.raises(ManagerError, match=f"^{name} {text}"):
         manager_client.load(name, ManagerSettings("joint_wave/Wave"))

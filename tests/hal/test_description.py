@@ -97,6 +97,7 @@ def test_several_components() -> None:
     assert whole.joints == ("elbow", "wrist")
     assert whole.commands == ("elbow/position", "wrist/position")
     assert whole.mimics == {"finger"}
+    assert whole.node_names == ("arm", "hand")
     assert merged(components[:1]) is components[0]
 
 
@@ -299,6 +300,14 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
             "<ros2_control name='arm'> has joint 'elbow' tw",
         ),
         (urdf(control=CONTROL + CONTROL), "two <ros2_control> blocks are named 'arm'"),
+        (
+            urdf(control=CONTROL.replace('"arm"', '"controller_manager"')),
+            "<ros2_control name='controller_manager'> (the URDF, line 13) has the name of the stack's own node",
+        ),
+        (
+            urdf(control=CONTROL.replace('"arm"', '"arm-1"') + CONTROL.replace('"arm"', '"arm_1"')),
+            "<ros2_control name='arm_1'> (the URDF, line 18) has the node name arm_1, as has 'arm-1': rename one block",
+        ),
         (
             urdf(control=CONTROL + CONTROL.replace('"arm"', '"hand"')),
             "joint 'elbow' is in two <ros2_control> blocks",
