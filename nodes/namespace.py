@@ -5,6 +5,7 @@ import re
 from typing import Final, Protocol
 
 from drivers.driver_errors import DriverError
+from hal.robot_description.node_names import LONGEST_NAME
 
 
 class _Named(Protocol):
@@ -36,6 +37,8 @@ def parse_namespace(text: str) -> str:
             f"{text!r} is not a namespace: use letters, digits and single underscores, such as left or lab/left. "
             "The parts between slashes cannot be empty or start with a digit"
         )
+    if len(text) > LONGEST_NAME:
+        raise DriverError(f"the namespace {text} has {len(text)} characters: shorten it to at most {LONGEST_NAME}")
     return "/" + "/".join(parts)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.parameters import Parameters
-from hal.robot_description.node_names import STACK_NODES
+from hal.robot_description.node_names import LONGEST_NAME, STACK_NODES
 
 ROS_ARGUMENTS: Final = "--ros-args"
 
@@ -18,6 +18,8 @@ def name_mistake(name: str) -> str | None:
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         return "is not a valid controller name: use letters, digits and _, and do not start with a digit"
+    if len(name) > LONGEST_NAME:
+        return f"has {len(name)} characters: shorten the name to at most {LONGEST_NAME}"
     return "is the name of a node of the stack itself: rename the controller" if name in STACK_NODES else None
 
 

@@ -10,7 +10,7 @@ from hal.robot_description.command_ranges import narrowed, range_problems, range
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info, without_refused_mimics
 from hal.robot_description.limit_check import limit_problems, with_wheel_speeds
 from hal.robot_description.links import Link, link_problems, parse_links
-from hal.robot_description.node_names import STACK_NODES
+from hal.robot_description.node_names import LONGEST_NAME, STACK_NODES
 from hal.robot_description.soft_limits import (
     SoftLimits,
     parse_soft_limits,
@@ -147,11 +147,14 @@ def _check_apart(
 
 
 def _check_node_names(components: Sequence[HardwareInfo], places: Mapping[str, str]) -> None:
-    """Check that the ROS nodes of the blocks and of the stack have different names. The arguments are those of
-    ``_check_apart``."""
+    """Check that the ROS nodes of the blocks can be created, and that their names differ from each other and from those
+    of the stack's own nodes. The arguments are those of ``_check_apart``."""
     owners: dict[str, str] = {}
     for component in components:
         name = component.name
+        if len(name) > LONGEST_NAME:
+            text = f"has a name of {len(name)} characters: shorten it to at most {LONGEST_NAME}"
+            raise DescriptionError(f"a <ros2_control> block ({places[name]}) {text}")
         block, (node,) = f"<ros2_control name='{name}'> ({places[name]})", component.node_names
         if node in STACK_NODES:
             raise DescriptionError(f"{block} has the name of the stack's own node {node}: rename the block")

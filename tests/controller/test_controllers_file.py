@@ -172,6 +172,10 @@ MISTAKES = {
         ("    hand_controller:\n", "    hand-2:\n"),
         ["hand-2 is not a valid controller name: use letters, digits and _, and do not start with a digit"],
     ),
+    "a long name": (
+        ("    hand_controller:\n", f"    {'hand_' * 21}:\n"),
+        [f"{'hand_' * 21} has 105 characters: shorten the name to at most 100"],
+    ),
     "the name of the manager": (
         ("    hand_controller:\n", "    controller_manager:\n"),
         ["controller_manager is the name of a node of the stack itself: rename the controller"],

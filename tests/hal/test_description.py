@@ -305,6 +305,10 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
             "<ros2_control name='controller_manager'> (the URDF, line 13) has the name of the stack's own node",
         ),
         (
+            urdf(control=CONTROL.replace('"arm"', f'"{"é" * 101}"')),
+            "(the URDF, line 13) has a name of 101 characters: shorten it to at most 100",
+        ),
+        (
             urdf(control=CONTROL.replace('"arm"', '"arm-1"') + CONTROL.replace('"arm"', '"arm_1"')),
             "<ros2_control name='arm_1'> (the URDF, line 18) has the node name arm_1, as has 'arm-1': rename one block",
         ),

@@ -29,6 +29,12 @@ def test_wrong_namespaces_are_refused_with_the_remedy(text: str) -> None:
         parse_namespace(text)
 
 
+def test_long_namespace_is_refused() -> None:
+    assert parse_namespace("a" * 100) == "/" + "a" * 100
+    with pytest.raises(DriverError, match=r"^the namespace a+ has 101 characters: shorten it to at most 100$"):
+        parse_namespace("a" * 101)
+
+
 @pytest.mark.parametrize("namespace", ["", "/left", "/lab_1/left"])
 def test_rcl_puts_nodes_into_the_namespace(namespace: str) -> None:
     rclpy = pytest.importorskip("rclpy")
