@@ -12,7 +12,8 @@ from hal.types import FloatArray
 from perception.frames import Picture
 from perception.perception_errors import CalibrationRefused
 
-MARKERS: Final = cv2.aruco.DICT_5X5_50
+MARKERS: Final = {50: cv2.aruco.DICT_5X5_50, 100: cv2.aruco.DICT_5X5_100}
+"""Marker dictionaries, keyed by the number of markers that they contain. The largest board needs 70 markers."""
 MARKER_SHARE: Final = 0.74
 """Side length of a marker, as a fraction of the side length of a square."""
 LEAST_CORNERS: Final = 8
@@ -37,7 +38,8 @@ class Board:
 
     def detector_board(self) -> Any:
         """Return the board as an OpenCV object."""
-        dictionary = cv2.aruco.getPredefinedDictionary(MARKERS)
+        needed = self.columns * self.rows // 2
+        dictionary = cv2.aruco.getPredefinedDictionary(next(MARKERS[count] for count in MARKERS if count >= needed))
         size = (self.columns, self.rows)
         return cv2.aruco.CharucoBoard(size, self.square_m, MARKER_SHARE * self.square_m, dictionary)
 

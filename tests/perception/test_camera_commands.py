@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from perception.calibration.board import Board, BoardDetector
 from perception.calibration.collect import distance_px
 from perception.camera_view import read_pose
 from perception.intrinsics import intrinsics_text, read_intrinsics
@@ -50,6 +51,17 @@ def test_the_lens_and_then_the_plane_are_calibrated(
     pose = read_pose(folder / "camera_pose.yaml", "camera")
     assert pose.plane_height_m == 0.02 and 0.2 < pose.position_m[2] < 0.5
     assert "reprojection error" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(4, 4), (10, 10), (11, 10), (14, 10)])
+def test_a_board_of_any_size_is_written_and_found(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, columns: int, rows: int
+) -> None:
+    size = ("--columns", str(columns), "--rows", str(rows), "--square", "14")
+    assert run(monkeypatch, "board", "board.pdf", *size) == run(monkeypatch, "board", "board.png", *size) == 0
+    picture = cv2.copyMakeBorder(cv2.imread("board.png"), 100, 100, 100, 100, cv2.BORDER_CONSTANT, value=(255,) * 3)
+    view = BoardDetector(Board(columns, rows, 0.014)).view(picture)
+    assert len(view.corners_m) == (columns - 1) * (rows - 1)
 
 
 def test_one_view_of_a_pose_counts_once(folder: Path) -> None:
