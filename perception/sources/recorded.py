@@ -1,6 +1,7 @@
 """Play a recorded video or a folder of images as a camera source at its own rate."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -123,8 +124,10 @@ def read_picture(path: Path) -> Picture:
 def _frames_of(capture: cv2.VideoCapture) -> Iterator[Picture]:
     try:
         while True:
-            ok, bgr = capture.read()
-            if not ok:
+            ok, bgr = False, None
+            with suppress(cv2.error):  # A frame that OpenCV cannot decode ends the video.
+                ok, bgr = capture.read()
+            if not ok or bgr is None:
                 return
             yield np.ascontiguousarray(bgr[..., ::-1]).astype(np.uint8, copy=False)
     finally:

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final, Protocol
 
 import cv2
@@ -156,19 +157,24 @@ class VideoDevice:
         self._rate = RateMeter()
 
     def _take(self, capture: Capture, stop: threading.Event) -> None:
-        """Read frames until the camera is closed or lost."""
+        """Read frames until the camera is closed or lost. A frame that OpenCV cannot decode counts as a loss, because
+        the caller then opens the camera again."""
+        try:
+            with suppress(cv2.error):
+                self._take_all(capture, stop)
+        finally:
+            with self._new:
+                self._lost = self._lost or not stop.is_set()
+                self._new.notify_all()
+
+    def _take_all(self, capture: Capture, stop: threading.Event) -> None:
         while not stop.is_set():
             ok, bgr = capture.read()
-            if stop.is_set():
+            if stop.is_set() or not ok or bgr is None:
                 return
             with self._new:
-                if ok and bgr is not None:
-                    self._accept(np.ascontiguousarray(bgr[..., ::-1]), self._stamp_s(capture))
-                else:
-                    self._lost = True
+                self._accept(np.ascontiguousarray(bgr[..., ::-1]), self._stamp_s(capture))
                 self._new.notify_all()
-                if self._lost:
-                    return
 
     def _accept(self, rgb: Picture, stamp_s: float) -> None:
         self._number += 1

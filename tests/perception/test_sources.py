@@ -34,7 +34,7 @@ class FakeCapture:
 
     def __init__(self, size: tuple[int, int] = (64, 48), period_s: float = 0.01, age_s: float = 0.0) -> None:
         self.size, self.period_s, self.age_s = size, period_s, age_s
-        self.frozen = self.unplugged = False
+        self.frozen = self.unplugged = self.damaged = False
         self.silent, self.released = threading.Event(), 0
         self._value = 0
 
@@ -45,6 +45,9 @@ class FakeCapture:
         time.sleep(self.period_s)
         if self.silent.is_set():
             time.sleep(0.2)
+        if self.damaged:
+            self.damaged = False
+            raise cv2.error("the buffer is empty")
         if self.unplugged:
             return False, None
         self._value = self._value if self.frozen else (self._value + 1) % 200
@@ -90,6 +93,7 @@ def test_a_slow_reader_gets_the_newest_frame() -> None:
     [
         (lambda capture: capture.silent.set(), CameraSilent, "delivered no frame in 0.1 s"),
         (lambda capture: setattr(capture, "unplugged", True), CameraLost, "/dev/video7 delivers no more frames"),
+        (lambda capture: setattr(capture, "damaged", True), CameraLost, "/dev/video7 delivers no more frames"),
         (lambda capture: setattr(capture, "age_s", 3.0), CameraSilent, r"frames that are 3\.\d s old"),
     ],
 )
