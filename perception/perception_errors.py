@@ -15,6 +15,8 @@ PerceptionError
 └── DetectorError        the file of the detector cannot be used
 """
 
+from pathlib import Path
+
 from hal.hal_errors import HalError
 
 
@@ -68,3 +70,8 @@ class GradesFileError(PerceptionError):
 
 class DetectorError(PerceptionError):
     """The detector file cannot be used."""
+
+
+def unreadable(path: Path, error: OSError) -> str:
+    """Return the message about a file or folder that cannot be read."""
+    return f"cannot read {path}: {error.strerror}: check the path and its permissions"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.port.owners import port_owners
-from perception.perception_errors import CameraBusy, CameraDenied, CameraMissing
+from perception.perception_errors import CameraBusy, CameraDenied, CameraError, CameraMissing, unreadable
 
 BY_ID: Final = "dev/v4l/by-id"
 WATCHERS: Final = ("pipewire", "wireplumber")
@@ -66,9 +66,13 @@ def find_device(source: str, root: Path = Path("/")) -> str:
         CameraDenied: The user does not have permission to open the camera.
         CameraBusy: Another program is using the camera. The message names the program.
     """
-    device = f"/dev/video{int(source)}" if source.isdecimal() else source
+    device = f"/dev/video{source.lstrip('0') or '0'}" if source.isdecimal() else source
     path = root / device.lstrip("/")
-    if not path.exists():
+    try:
+        exists = path.exists()
+    except OSError as error:
+        raise CameraError(unreadable(path, error)) from error
+    if not exists:
         raise CameraMissing(f"there is no camera {device}: {_others(root)}")
     if not os.access(path, os.R_OK | os.W_OK):
         group = _group(path)

@@ -1,7 +1,9 @@
 """Play a recorded video or a folder of images as a camera source at its own rate."""
 
+import os
 from collections.abc import Iterator
 from contextlib import suppress
+from errno import EACCES
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +12,7 @@ import numpy as np
 
 from drivers.clock import Clock
 from perception.frames import Frame, Picture
-from perception.perception_errors import CameraError, CameraMissing, CameraSilent, SourceEnded
+from perception.perception_errors import CameraError, CameraMissing, CameraSilent, SourceEnded, unreadable
 from perception.sources.rate import RateMeter
 
 PICTURES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -49,20 +51,11 @@ class RecordedSource:
 
     def open(self) -> None:
         """Start with the first image. Raises CameraError if there are no images."""
-        if not self._path.exists():
-            raise CameraMissing(f"there is no file or folder {self._path}: specify a video or a folder of images")
         self._interval_s = 1.0 / FOLDER_HZ
-        if self._path.is_dir():
-            files = sorted(file for file in self._path.iterdir() if file.suffix.lower() in PICTURES)
-            if not files:
-                raise CameraMissing(
-                    f"the folder {self._path} has no images ({', '.join(PICTURES)}): choose another folder"
-                )
-            self._pictures = map(read_picture, files)
-        elif self._path.suffix.lower() in PICTURES:
-            self._pictures = iter((read_picture(self._path),))
-        else:
-            self._pictures = self._video()
+        try:
+            self._pictures = self._opened()
+        except OSError as error:
+            raise CameraError(unreadable(self._path, error)) from error
         self._number, self._rate = 0, RateMeter()
         self._due_s = self._clock.now()
 
@@ -94,7 +87,24 @@ class RecordedSource:
         """Release the file."""
         self._pictures = iter(())
 
+    def _opened(self) -> Iterator[Picture]:
+        """Return the images. Raises CameraError or OSError."""
+        if not self._path.exists():
+            raise CameraMissing(f"there is no file or folder {self._path}: specify a video or a folder of images")
+        if self._path.is_dir():
+            files = sorted(file for file in self._path.iterdir() if file.suffix.lower() in PICTURES)
+            if not files:
+                raise CameraMissing(
+                    f"the folder {self._path} has no images ({', '.join(PICTURES)}): choose another folder"
+                )
+            return map(read_picture, files)
+        if self._path.suffix.lower() in PICTURES:
+            return iter((read_picture(self._path),))
+        return self._video()
+
     def _video(self) -> Iterator[Picture]:
+        if not os.access(self._path, os.R_OK):
+            raise PermissionError(EACCES, os.strerror(EACCES))
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             capture.release()
@@ -113,7 +123,7 @@ def read_picture(path: Path) -> Picture:
         data = np.frombuffer(path.read_bytes(), np.uint8)
         bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     except OSError as error:
-        raise CameraError(f"cannot read {path}: {error.strerror}: check the file") from error
+        raise CameraError(unreadable(path, error)) from error
     except cv2.error:
         bgr = None
     if bgr is None:

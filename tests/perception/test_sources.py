@@ -201,6 +201,25 @@ def test_a_video_plays_at_its_rate(tmp_path: Path) -> None:
     source.close()
 
 
+@pytest.mark.parametrize("source", ["a" * 300 + ".mp4", "/dev/" + "a" * 300, "9" * 5000])
+def test_a_source_whose_path_is_too_long_is_refused(source: str) -> None:
+    with pytest.raises(CameraError, match=r"(a|9){255}.* File name too long: check the path"):
+        source_of(source, CLOCK, (64, 48), 30.0).open()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.parametrize("name", ["a.png", "a.mp4", "."])
+def test_a_recording_without_permission_is_refused(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "private"
+    folder.mkdir()
+    for hidden in (folder / name, folder):
+        hidden.touch()
+        hidden.chmod(0)
+        with pytest.raises(CameraError, match=r"cannot read .*: Permission denied: check the path and its permissions"):
+            RecordedSource(folder / name, CLOCK).open()
+    folder.chmod(0o700)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
