@@ -45,7 +45,7 @@ class CameraLost(CameraError):
 
 
 class CameraSilent(CameraError):
-    """No new frame arrived in time, or the frames do not change."""
+    """No new frame arrived in time, the frames do not change, or the next image of a folder is damaged."""
 
 
 class SourceEnded(CameraError):

@@ -63,29 +63,38 @@ class RecordedSource:
         """Wait until the next image is due, and return it.
 
         Raises:
-            CameraSilent: The next image is not due within the timeout.
+            CameraSilent: The next image is not due within the timeout, or cannot be read. In both cases, the next call
+                continues.
             SourceEnded: There are no more images.
-            CameraError: An image cannot be read.
         """
         now_s = self._clock.now()
         if self._due_s > now_s + timeout_s:
             self._clock.sleep_until(now_s + timeout_s)
             raise CameraSilent(f"the next image of {self._path} is not due within {timeout_s:g} s: wait longer")
         self._clock.sleep_until(self._due_s)
-        rgb = next(self._pictures, None)
+        try:
+            rgb = next(self._pictures, None)
+        except CameraError as error:  # If the source were opened again, it would repeat the images before this one.
+            self._count()
+            raise CameraSilent(str(error)) from error
         if rgb is None:
             raise SourceEnded(
                 f"{self._path} has no more images after image {self._number}: start again to repeat the recording"
             )
-        stamp_s = self._clock.now()
-        self._due_s = max(self._due_s + self._interval_s, stamp_s)
-        self._number += 1
+        stamp_s = self._count()
         self._rate.add(stamp_s)
         return Frame(rgb, stamp_s, self._number)
 
     def close(self) -> None:
         """Release the file."""
         self._pictures = iter(())
+
+    def _count(self) -> float:
+        """Count an image, schedule the next one, and return the current time in seconds."""
+        now_s = self._clock.now()
+        self._due_s = max(self._due_s + self._interval_s, now_s)
+        self._number += 1
+        return now_s
 
     def _opened(self) -> Iterator[Picture]:
         """Return the images. Raises CameraError or OSError."""

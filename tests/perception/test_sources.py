@@ -187,6 +187,21 @@ def test_a_folder_of_pictures_plays_in_order_and_ends(tmp_path: Path) -> None:
         source.read(1.0)
 
 
+def test_a_damaged_picture_of_a_folder_is_skipped(tmp_path: Path) -> None:
+    for number in (1, 2, 3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((48, 64, 3), 10 * number, np.uint8))
+    (tmp_path / "2.png").write_bytes(b"broken")
+    source = RecordedSource(tmp_path, CLOCK)
+    source.open()
+    assert source.read(1.0).rgb[0, 0, 0] == 10
+    with pytest.raises(CameraSilent, match=r"2\.png is not an image, or is damaged: remove the file"):
+        source.read(1.0)
+    frame = source.read(1.0)
+    assert (frame.rgb[0, 0, 0], frame.number) == (30, 3)
+    with pytest.raises(SourceEnded, match="has no more images after image 3"):
+        source.read(1.0)
+
+
 def test_a_video_plays_at_its_rate(tmp_path: Path) -> None:
     path = tmp_path / "run.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
