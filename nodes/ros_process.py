@@ -57,7 +57,7 @@ def init_rclpy(arguments: Sequence[str] | None = None, namespace: str = "") -> s
 
 def read_network_option(args: Sequence[str], name: str, description: str, network: str) -> None:
     """Read the ``--network`` option of a node's process. If it is given, make the process reachable from other
-    machines.
+    machines. An unknown argument ends the process with status 2.
 
     Args:
         args: Arguments in the form of ``sys.argv``.
@@ -71,7 +71,9 @@ def read_network_option(args: Sequence[str], name: str, description: str, networ
     parser = argparse.ArgumentParser(name, description=f"{description} ROS arguments follow --ros-args.")
     parser.add_argument("--network", action="store_true", help=network)
     with rcl_errors():
-        options = parser.parse_known_args(remove_ros_args(args)[1:])[0]
+        options, unknown = parser.parse_known_args(remove_ros_args(args)[1:])
+    if unknown:
+        parser.error(f"unknown arguments: {' '.join(unknown)} (parameters and other ROS arguments follow --ros-args)")
     if options.network:
         open_to_network(os.environ)
 

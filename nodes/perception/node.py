@@ -48,9 +48,8 @@ class CameraNode:
         prefix = frame_prefix(namespace)
         self._title = f"{namespace}/{node.get_name()}: grading" if namespace else f"{node.get_name()}: grading"
         """Name of the diagnostic status."""
-        self._camera_frame, self._base_frame = (
-            str(declare(node, name, prefix + frame, text)) for name, (frame, text) in FRAMES.items()
-        )
+        frames = {name: (prefix + frame, description) for name, (frame, description) in FRAMES.items()}
+        self._camera_frame, self._base_frame = map(str, declare(node, frames).values())
         self._images = node.create_publisher(Image, "~/image_raw", qos_profile_sensor_data)
         self._compressed = node.create_publisher(CompressedImage, "~/image_raw/compressed", qos_profile_sensor_data)
         self._infos = node.create_publisher(CameraInfo, "~/camera_info", qos_profile_sensor_data)

@@ -54,21 +54,32 @@ Setup = Callable[[Node], CameraSetup]
 opened."""
 
 
-def declare(node: Node, name: str, default: Any, description: str) -> Any:
-    """Declare a read-only parameter, and return its value, which has the type of the default.
+def declare(node: Node, wanted: Mapping[str, tuple[Any, str]]) -> dict[str, Any]:
+    """Declare read-only parameters, and return their values, which have the types of the defaults.
 
     On a command line, ``source:=0`` and ``rate_hz:=30`` are integers, so both parameters accept numbers and strings.
-    Raises PerceptionError if the value cannot be converted.
+
+    Args:
+        node: Node of the camera.
+        wanted: Defaults and descriptions, keyed by parameter name.
+
+    Raises:
+        PerceptionError: A value cannot be converted. All parameters are declared nevertheless.
     """
-    descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True, description=description)
-    value = node.declare_parameter(name, default, descriptor).value
-    kind = type(default)
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise PerceptionError(f"parameter '{name}' is {value!r}: set it to {KINDS[kind]}")
+    values = {}
+    for name, (default, description) in wanted.items():
+        descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True, description=description)
+        values[name] = node.declare_parameter(name, default, descriptor).value
+    return {name: _converted(name, values[name], type(default)) for name, (default, _) in wanted.items()}
+
+
+def _converted(name: str, value: Any, kind: type) -> Any:
     try:
-        return kind(value)
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            return kind(value)
     except ValueError:
-        raise PerceptionError(f"parameter '{name}' is {value!r}: set it to {KINDS[kind]}") from None
+        pass
+    raise PerceptionError(f"parameter '{name}' is {value!r}: set it to {KINDS[kind]}")
 
 
 def given_camera(source: CameraSource, view: CameraView, settings: GradingSettings) -> Setup:
@@ -80,7 +91,7 @@ def camera_of_parameters(clock: Clock) -> Setup:
     """Return the setup for the camera that the parameters select."""
 
     def setup(node: Node) -> CameraSetup:
-        values = {name: declare(node, name, *rest) for name, rest in OWN.items()}
+        values = declare(node, OWN)
         rate_hz = float(values["rate_hz"])
         if not 0.1 <= rate_hz <= 240.0:
             raise PerceptionError(f"parameter 'rate_hz' is {rate_hz:g}: choose a rate from 0.1 to 240 Hz")

@@ -10,7 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from drivers.clock import MonotonicClock
-from drivers.printable import printable
+from drivers.printable import printable, printable_line
+from nodes.overrides import undeclare_overrides, unused
 from nodes.perception.node import CameraNode
 from nodes.perception.parameters import Setup, camera_of_parameters, given_camera
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_done
@@ -57,15 +58,18 @@ def _run(args: Sequence[str], setup: Setup) -> int:
 
     on_stop_signal(lambda: executor.create_task(stop))
     with rcl_errors():
-        node = rclpy.create_node(NODE_NAME)
+        node = rclpy.create_node(NODE_NAME, automatically_declare_parameters_from_overrides=True)
     executor.add_node(node)
     camera: CameraNode | None = None
     try:
+        given = undeclare_overrides(node)
         camera = CameraNode(node, setup, MonotonicClock())
     except (ValueError, ParameterException, NameValidationException, PerceptionError) as error:
         node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
     else:
+        for warning in unused(node, given, args):
+            node.get_logger().warning(printable_line(warning))
         spin_until_done(executor, stopped)
     finally:
         with exit_watchdog():

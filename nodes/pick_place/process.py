@@ -8,7 +8,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from drivers.printable import printable, printable_line
-from nodes.pick_place import parameters
+from nodes.overrides import undeclare_overrides, unused
 from nodes.pick_place.node import PickPlaceNode
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_stopped
 from nodes.stop_signals import on_stop_signal
@@ -44,13 +44,13 @@ def run(args: Sequence[str]) -> int:
     node.get_logger().info(reach)
     executor.add_node(node)
     try:
-        given = parameters.undeclare_overrides(node)
+        given = undeclare_overrides(node)
         controller = PickPlaceNode(node)
     except (ValueError, ParameterException, NameValidationException) as error:
         node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
     else:
-        for warning in parameters.unused(node, given, args):
+        for warning in unused(node, given, args):
             node.get_logger().warning(printable_line(warning))
         spin_until_stopped(executor, stopped, stop)
     finally:

@@ -22,10 +22,10 @@ def main(arguments: Sequence[str]) -> int:
     from nodes.perception.process import run_source
 
     os.setpriority(os.PRIO_PROCESS, 0, NICE)
-    link, scene = map(Path, arguments[1:3])
+    program, link, scene, *rest = arguments
     try:
-        camera = VirtualCamera(link, scene, MonotonicClock())
-        return run_source(camera, camera.view, camera.settings, arguments)
+        camera = VirtualCamera(Path(link), Path(scene), MonotonicClock())
+        return run_source(camera, camera.view, camera.settings, (program, *rest))
     except HalError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -1,4 +1,4 @@
-"""Errors of rcl are reported in one sentence, and errors in our code keep their traceback."""
+"""Errors of rcl and in arguments are reported in one sentence, and errors in our code keep their traceback."""
 
 from pathlib import Path
 from typing import Any
@@ -59,3 +59,14 @@ def test_unreadable_parameters_become_a_sentence(tmp_path: Path) -> None:
         init_rclpy(["--ros-args", "--params-file", str(file)])
     with pytest.raises(RosError, match=r"^ROS 2 does not start: .*nonsense"):
         init_rclpy(["--ros-args", "-p", "nonsense"])
+
+
+def test_unknown_arguments_of_a_node_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    from nodes.ros_process import read_network_option
+
+    with pytest.raises(SystemExit) as ended:
+        read_network_option(["node.py", "--netwrok", "--params-file", "a.yaml"], "node", "Sort.", "let others send")
+    assert ended.value.code == 2
+    text = "node: error: unknown arguments: --netwrok --params-file a.yaml (parameters and other ROS arguments follow"
+    assert text in capsys.readouterr().err
+    read_network_option(["node.py", "--ros-args", "-p", "a:=1"], "node", "Sort.", "let others send")

@@ -23,6 +23,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from perception.camera_view import pose_text
 from perception.intrinsics import intrinsics_text
 from tests.perception import painted
+from tests.ros.stack_process import StackProcess, until
 
 DEADLINE_S = 30.0
 TOPICS = {
@@ -170,3 +171,14 @@ def test_bad_input_is_reported_and_nothing_is_graded(
     with camera(folder, **parameters):
         report = heard.reported(message)
     assert report.level == b"\x02" and not heard.messages["/sorting/perception/apple_quality"]
+
+
+@pytest.mark.slow
+def test_parameter_without_effect_is_reported(ros_domain: int, tmp_path: Path) -> None:
+    arguments = ["--ros-args", "-p", "grade_file:=grades.yaml", "-p", "source:=true", "-p", "rate_hz:=10"]
+    node = StackProcess(tmp_path / "node.log", *arguments, module="nodes.apple_camera")
+    try:
+        until(lambda: "parameter 'grade_file' is ignored: this node has no parameter with that name" in node.words)
+    finally:
+        assert node.end() == 0
+    assert node.words.count("is ignored") == 1
