@@ -72,10 +72,11 @@ class WatchingNode:
 
     def close(self) -> None:
         """Stop the thread and leave the ROS graph."""
-        self._executor.shutdown(timeout_sec=1.0)
-        self._thread.join(1.0)
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        with exit_watchdog():
+            self._executor.shutdown(timeout_sec=1.0)
+            self._thread.join(1.0)
+            self.node.destroy_node()
+            self._context.try_shutdown()
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
