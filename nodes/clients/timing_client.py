@@ -80,8 +80,7 @@ class TimingClient:
         self._waiting_since_s: float | None = None
         self._start: list[float] = []
         node.create_subscription(JointState, "joint_states", self._on_state, 100)
-        if not self._arm.wait_for_server(PATIENCE_S):
-            raise DriverError(f"no node offers the action {action}: start the stack first")
+        self._until(self._arm.server_is_ready, PATIENCE_S, f"no node offers the action {action}: start the stack first")
 
     def spin(self, seconds: float) -> None:
         """Serve callbacks for ``seconds`` or until ``stop`` returns True."""
@@ -121,14 +120,18 @@ class TimingClient:
         self._waiting_since_s = None
 
     def _wait(self, future: Future, patience_s: float) -> Any:
+        self._until(future.done, patience_s, f"the stack did not respond within {patience_s:.0f} s: check its log")
+        return future.result()
+
+    def _until(self, done: Callable[[], bool], patience_s: float, late: str) -> None:
+        """Serve callbacks until ``done`` returns True. Raises DriverError; ``late`` is its message after a timeout."""
         end_s = time.perf_counter() + patience_s
-        while not future.done():
+        while not done():
             if self._stop():
                 raise DriverError("the measurement was stopped")
             if time.perf_counter() > end_s:
-                raise DriverError(f"the stack did not respond within {patience_s:.0f} s: check its log")
+                raise DriverError(late)
             self._executor.spin_once(timeout_sec=POLL_S)
-        return future.result()
 
     def _on_state(self, message: JointState) -> None:
         if self.recording:

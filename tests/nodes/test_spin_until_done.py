@@ -11,6 +11,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
+from drivers.driver_errors import DriverError
+from nodes.clients.timing_client import Promptness, TimedController, TimingClient
 from nodes.ros_process import spin_until_done, spin_until_stopped
 
 
@@ -96,4 +98,13 @@ def test_failing_callbacks_do_not_prevent_the_orderly_end(node: Node) -> None:
     with pytest.raises(ValueError, match="a defect"):
         spin_until_stopped(executor, stopped, stop)
     assert steps == ["cancel", "result"]
+    executor.shutdown()
+
+
+@pytest.mark.ros
+def test_measurement_that_is_stopped_does_not_wait_for_its_server(node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    with pytest.raises(DriverError, match="the measurement was stopped"):
+        TimingClient(node, executor, TimedController(["joint1"]), Promptness(), stop=lambda: True)
     executor.shutdown()
