@@ -10,10 +10,13 @@ from typing import Final
 LAST_S: Final = 1.0
 """Time from the second signal until the process exits, in seconds, as in servoloop/stack/signals.py."""
 
+ARM_CONTINUES: Final = "The arm finishes its current motion and holds its position."
+"""Consequence for the arm if a program that sends motions to the stack exits immediately."""
 
-def on_stop_signal(call: Callable[[], object]) -> None:
+
+def on_stop_signal(call: Callable[[], object], consequence: str = "") -> None:
     """Run ``call`` on the first signal, and exit on the second signal. This function must be called in the main
-    thread.
+    thread. The process then prints ``consequence``, a sentence about the state of the arm.
 
     A SIGHUP is never treated as the second signal, because the kernel and the shell both send one when a terminal is
     closed. If SIGHUP is ignored, for example under nohup, it remains ignored.
@@ -34,7 +37,8 @@ def on_stop_signal(call: Callable[[], object]) -> None:
         while (number := os.read(reader, 1)[0]) == signal.SIGHUP:
             pass
         time.sleep(LAST_S)
-        os.write(2, b"second signal: ended at once. The arm finishes its current motion and holds its position\n")
+        text = f"second signal: ended at once. {consequence}".rstrip()
+        os.write(2, f"{text}\n".encode())
         os._exit(128 + number)
 
     threading.Thread(target=wait, name="signals", daemon=True).start()

@@ -11,7 +11,7 @@ from drivers.printable import printable, printable_line
 from nodes.overrides import undeclare_overrides, unused
 from nodes.pick_place.node import PickPlaceNode
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, read_network_option, spin_until_stopped
-from nodes.stop_signals import on_stop_signal
+from nodes.stop_signals import ARM_CONTINUES, on_stop_signal
 
 NODE_NAME = "vision_pick_place_controller"
 
@@ -38,7 +38,7 @@ def run(args: Sequence[str]) -> int:
         await controller.stop()
         stopped.set_result(None)
 
-    on_stop_signal(lambda: executor.create_task(stop))
+    on_stop_signal(lambda: executor.create_task(stop), ARM_CONTINUES)
     with rcl_errors():
         node = rclpy.create_node(NODE_NAME, automatically_declare_parameters_from_overrides=True)
     node.get_logger().info(reach)

@@ -14,7 +14,7 @@ from nodes.only_one import Search
 from nodes.planning.move_group import NAME, MoveGroupNode
 from nodes.planning.routes import Route
 from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_stopped
-from nodes.stop_signals import on_stop_signal
+from nodes.stop_signals import ARM_CONTINUES, on_stop_signal
 from planning.robot import PlanningRobot
 
 OTHER: Final = (
@@ -77,7 +77,7 @@ def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: C
             executor.create_task(stop, failures[0])
 
     server = MoveGroupNode(node, robot, routes, on_other)
-    on_stop_signal(lambda: executor.create_task(stop, "the planning server exits"))
+    on_stop_signal(lambda: executor.create_task(stop, "the planning server exits"), ARM_CONTINUES)
     try:
         ready()
         spin_until_stopped(executor, stopped, lambda: stop("the planning server exits because of an internal error"))
