@@ -71,12 +71,13 @@ class ControllerManager:
         for name in reversed(plan.activate):
             if self.registry.loaded[name].active:
                 self._stop(name)
+        errors = list[str]()
         for name in plan.deactivate:
             try:
                 self._start(name, command)
-            except Exception as error:
-                return f"; and {error}: the controller stays inactive and its joints hold position"
-        return ". Nothing was switched."
+            except Exception as error:  # The other controllers must continue.
+                errors.append(f"; and {error}: the controller stays inactive and its joints hold position")
+        return "".join(errors) or ". Nothing was switched."
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         """Activate the controllers in loading order when the loop starts.

@@ -141,6 +141,19 @@ def test_an_incomplete_undo_is_reported(caplog: pytest.LogCaptureFixture) -> Non
     assert cycle(manager) == HELD.tolist()
 
 
+def test_an_undo_continues_after_a_controller_that_cannot_be_reactivated(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.CRITICAL)
+    old, worn, fine = Puppet("old", "a"), Puppet("worn", "b"), Puppet("fine", "c")
+    broken = Puppet("broken", "a", "b", failing=["activate"])
+    manager = managing(old, worn, fine, broken, active=["old", "worn", "fine"])
+    for puppet in (old, worn):
+        puppet.failing.add("activate")
+    with pytest.raises(SwitchError) as refusal:
+        manager.switch(SwitchRequest(("broken",), ("old", "worn", "fine"), STRICT), HELD)
+    assert active(manager) == {"fine"}
+    assert all(f"'{puppet.name}': {puppet.name} is broken: the con" in str(refusal.value) for puppet in (old, worn))
+
+
 NAMES = ["arm", "rival", "hand", "raw", "broken", "nope"]
 SOME = st.lists(st.sampled_from(NAMES), max_size=4).map(tuple)
 
