@@ -12,6 +12,7 @@ from hal.compensation.joint_offset import LARGEST_LOAD
 from hal.hal_errors import ArmFileError
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_file.robot import Robot
+from hal.types import joints_of
 from servoloop.stack.pick_place import PickPlace
 
 POSE_RAD: Final = 1e-3
@@ -29,12 +30,15 @@ def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[s
 
 def controller_problems(pick_place: PickPlace, controllers: ControllersFile, description: Description) -> Iterator[str]:
     """Yield a problem if the joints differ from those of the arm controller, or if the hand would exceed its limits."""
-    driven = {spec.name: tuple(getattr(spec.parameters, "joints", ())) for spec in controllers.controllers}
+    driven = {spec.name: tuple(joints_of(spec.parameters.claims())) for spec in controllers.controllers}
     if driven.get(pick_place.arm_controller) != pick_place.joints:
         yield f"joints must list the joints of {pick_place.arm_controller} in {controllers.path}, in the same order"
-    for joint in driven.get(pick_place.hand_controller, ()):
-        yield from _outside("hand_open_m", description.joints[joint], pick_place.hand_open_m)
-        yield from _outside("hand_closed_m", description.joints[joint], pick_place.hand_closed_m)
+    hand = [
+        description.joints[joint] for joint in driven.get(pick_place.hand_controller, ()) if joint in description.joints
+    ]
+    for joint in hand:
+        yield from _outside("hand_open_m", joint, pick_place.hand_open_m)
+        yield from _outside("hand_closed_m", joint, pick_place.hand_closed_m)
 
 
 def _outside(name: str, joint: UrdfJoint, position: float) -> Iterator[str]:

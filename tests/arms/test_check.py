@@ -173,6 +173,23 @@ def test_each_mistake_is_found(tmp_path: Path, fault: str) -> None:
     assert all(str(tmp_path) in problem for problem in problems)  # each message names the file
 
 
+GRIPPER: tuple[Edit, ...] = (
+    (
+        "controllers.yaml",
+        "forward_command_controller/ForwardCommandController",
+        "position_controllers/GripperActionController",
+    ),
+    ("controllers.yaml", "joints: [gripper]\n    interface_name: position", "joint: gripper"),
+)
+"""Changes after which a gripper action controller drives the hand."""
+
+
+def test_a_hand_with_a_gripper_action_controller_is_checked(tmp_path: Path) -> None:
+    edit = ("pick_place.yaml", "hand_closed_m: -0.1", "hand_closed_m: -0.3")
+    (problem,) = check_arm(folder_with(tmp_path, FILES, *GRIPPER, edit))
+    assert problem.endswith("hand_closed_m: -0.3 is outside the limits -0.174533 to 1.74533 of gripper")
+
+
 MIMIC: dict[str, tuple[Edit, str]] = {
     "the wrong sign in the URDF": (
         ("arm.urdf", '<mimic joint="hand_right_joint"/>', '<mimic joint="hand_right_joint" multiplier="-1"/>'),
