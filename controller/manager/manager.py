@@ -33,7 +33,8 @@ class ControllerManager:
         Args:
             hardware: The hardware with its command interfaces.
             limits: Limits of each joint, keyed by joint name. A joint that loses its controller stops within these
-            limits. outputs: Command interfaces that do not move any joints.
+                limits.
+            outputs: Command interfaces that do not move any joints.
         """
         self.registry = ControllerRegistry(hardware.command_interfaces, outputs)
         self.stops = DecelerationStops(hardware.command_interfaces, limits)

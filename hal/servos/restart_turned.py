@@ -31,7 +31,8 @@ def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:
     Args:
         joint: The joint.
         counts: Position reported by the joint's servo, in counts. The bus has already removed the whole turns of servos
-            in extended position mode. bus: Bus of the servo.
+            in extended position mode.
+        bus: Bus of the servo.
 
     Returns:
         Whether the servo is a Dynamixel X that has counted whole turns.
