@@ -46,7 +46,7 @@ class TrajectoryPart:
         pass
 
     def cancel(self, replaced: bool = False) -> None:
-        if not replaced:  # The controller replaces the goal itself, without stopping the joints.
+        if not self.handle.done and not replaced:  # The controller replaces goals itself, without stopping the joints.
             self.canceled = True
             self.controller.cancel(self.handle)
 

@@ -65,6 +65,8 @@ def test_a_blocked_joint_ends_the_motion_with_its_name(loaded: LoadedArm) -> Non
     with pytest.raises(MotionFailedError, match=f"(?s)reached its target: .*{PAN}.*holds its position") as caught:
         motion.wait(10.0)
     assert caught.value.joint == PAN and str(motion.failure) == str(caught.value)
+    loaded.stop()  # no effect, because the motion has ended
+    assert str(motion.failure) == str(caught.value)
 
 
 def test_a_silent_servo_is_a_fault_with_its_name(loaded: LoadedArm) -> None:
