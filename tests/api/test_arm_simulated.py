@@ -372,6 +372,16 @@ def test_a_user_controller_needs_valid_parameters_and_releases_its_joints(loaded
         loaded.move_to({ELBOW: 0.5}, duration=0.5)
 
 
+def test_a_user_controller_that_was_refused_can_be_started_later(loaded: LoadedArm) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    loaded.torque(False, park=False)
+    with pytest.raises(ArmBusyError, match="own_controller cannot take over its joints"):
+        loaded.controller(own, joint=ELBOW).__enter__()
+    loaded.torque(True)
+    with loaded.controller(own, joint=ELBOW):
+        loaded.sleep(0.1)
+
+
 def test_a_user_controller_whose_start_is_interrupted_releases_its_joints(
     loaded: LoadedArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
