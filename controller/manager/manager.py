@@ -9,6 +9,7 @@ import numpy as np
 from controller.interface import Controller, relieving
 from controller.manager.cycle import ControllerCycle
 from controller.manager.registry import ActiveEntry, ControllerRegistry
+from controller.manager.suspended import SuspendedControllers
 from controller.manager.switch import Interfaces, SwitchPlan, SwitchRequest, plan_switch
 from controller.manager_errors import ManagerError, SwitchError
 from controller.stops import DecelerationStops
@@ -40,6 +41,7 @@ class ControllerManager:
         self.stops = DecelerationStops(hardware.command_interfaces, limits)
         self._hardware = hardware
         self.cycle = ControllerCycle(self.registry, self.stops, self._replace)
+        self.suspended = SuspendedControllers(self.registry, hardware)
 
     def switch(self, request: SwitchRequest, command: FloatArray) -> str:
         """Switch all controllers of a request at once, or do not switch any of them.
@@ -63,6 +65,8 @@ class ControllerManager:
         except Exception as error:
             LOG.exception("a controller cannot be activated, so no controllers were switched")
             raise SwitchError(f"{error}{self._undo(plan, command)}") from error
+        for name in plan.activate:
+            self.suspended.discard(name)
         summary = plan.summary()
         LOG.info("%s", summary.replace("\n", " "))
         return summary
@@ -116,7 +120,7 @@ class ControllerManager:
             self.registry.unload(name)
 
     def release(self, interfaces: Iterable[str], reason: str, states: bool = False) -> list[str]:
-        """Deactivate all controllers that use any of these command interfaces.
+        """Deactivate all controllers that use any of these command interfaces, and add them to ``suspended``.
 
         Args:
             interfaces: Names of the interfaces.
@@ -134,6 +138,7 @@ class ControllerManager:
                 LOG.error("%s is being deactivated because it uses %s: %s", name, ", ".join(sorted(used)), reason)
                 self._stop(name, reason)
                 names.append(name)
+        self.suspended.add(names)
         return names
 
     def _replace(self, failed: ActiveEntry, last: FloatArray) -> None:

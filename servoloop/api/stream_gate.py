@@ -47,21 +47,25 @@ class Takeover:
     def give_back(self) -> None:
         """Reactivate the previous controllers, except those that another program has unloaded.
 
-        The previous controllers start after the joints have slowed down within their limits.
+        The previous controllers start after the joints have slowed down within their limits. Controllers whose joints
+        cannot be commanded now are suspended: they become active when the torque is enabled.
         """
         loop = self._stack.loop
         self._stack.before_end.pop(self._name, None)
-        loaded = loop.manager.registry.loaded
+        loaded, suspended = loop.manager.registry.loaded, loop.manager.suspended
         for name in self._former:
             if name not in loaded:
                 text = "%s was unloaded and cannot be activated after %s: load and activate it to move its joints"
                 LOG.error(text, name, self._name)
-        inactive = tuple(name for name in self._former if name in loaded and not loaded[name].active)
+        suspended.discard(self._name)
+        suspended.add(name for name in self._former if name in loaded and not loaded[name].active)
+        own = (self._name,) * self.active
+        ready = tuple(name for name in suspended.resumable(own) if name in self._former)
         try:
-            request = SwitchRequest(activate=inactive, deactivate=(self._name,) * self.active)
-            loop.manager.switch(request, loop.within_limits)
+            loop.manager.switch(SwitchRequest(activate=ready, deactivate=own), loop.within_limits)
         except ManagerError as error:  # Without a controller, the joints hold their positions.
             LOG.error("the controllers that were active before %s cannot be activated again: %s", self._name, error)
+            loop.manager.switch(SwitchRequest(deactivate=own), loop.within_limits)
 
     def _before_end(self) -> None:
         """Give the joints back to the previous controllers when the program ends. Only those controllers can relieve

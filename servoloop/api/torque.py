@@ -15,7 +15,7 @@ TORQUE_S: Final = 15.0
 
 
 class TorqueSwitch:
-    """Torque of all servos in one stack, and the controllers that were active before the torque was disabled."""
+    """Torque of all servos in one stack."""
 
     def __init__(
         self,
@@ -25,7 +25,6 @@ class TorqueSwitch:
     ) -> None:
         """``wait`` waits for a condition, and ``in_loop`` runs an action between two cycles."""
         self._stack, self._wait, self._in_loop = stack, wait, in_loop
-        self._controllers: tuple[str, ...] = ()
 
     @property
     def on(self) -> bool:
@@ -39,21 +38,21 @@ class TorqueSwitch:
         def deactivate() -> None:
             running = loop.manager.registry.running
             active = tuple(entry.spec.name for entry in running if entry.controller.command_interfaces)
-            self._controllers = active or self._controllers
             loop.manager.switch(SwitchRequest(deactivate=active), loop.within_limits)
+            loop.manager.suspended.add(active)
 
         self._in_loop(deactivate)
         self._bring(LifecycleState.INACTIVE)
 
     def enable(self) -> None:
-        """Enable the torque at the measured positions, and reactivate the previous controllers. Raises ArmError."""
+        """Enable the torque at the measured positions, and activate the controllers that were active before the torque
+        was disabled or a component was lost. Raises ArmError."""
         self._bring(LifecycleState.ACTIVE)
         loop = self._stack.loop
 
         def activate() -> None:
-            inactive = [name for name in self._controllers if not loop.manager.registry.loaded[name].active]
-            if inactive:
-                loop.manager.switch(SwitchRequest(activate=tuple(inactive)), loop.within_limits)
+            if names := loop.manager.suspended.resumable():
+                loop.manager.switch(SwitchRequest(activate=names), loop.within_limits)
 
         self._in_loop(activate)
 

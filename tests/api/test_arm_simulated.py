@@ -13,6 +13,7 @@ import pytest
 
 import servoloop
 from controller.gripper.gripper_action_controller import GripperActionController
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from servoloop import (
     Arm,
     ArmBusyError,
@@ -154,6 +155,20 @@ def test_a_stream_ends_although_a_previous_controller_was_unloaded(loaded: Loade
     loaded.gripper.open()
     with pytest.raises(ArmBusyError, match=f"{PAN} cannot be moved: no active controller moves it"):
         loaded.move_to({PAN: 0.0})
+
+
+def test_a_stream_ends_although_a_previous_controller_cannot_be_activated(
+    loaded: LoadedArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(controller: object, state: object, command: object) -> None:
+        raise ValueError("broken")
+
+    registry = loaded.loop.backend.stack.loop.manager.registry
+    with monkeypatch.context() as patch, loaded.stream(max_age=1.0):
+        patch.setattr(JointTrajectoryController, "activate", broken)
+    assert {entry.spec.name for entry in registry.running} == {"joint_state_broadcaster"}
+    loaded.torque(True)
+    loaded.move_to({PAN: 0.1, "gripper": 0.5}, duration=1.0)
 
 
 def test_joints_that_still_stop_when_a_stream_begins_do_not_move_back(loaded: LoadedArm) -> None:
@@ -380,6 +395,18 @@ def test_a_user_controller_that_was_refused_can_be_started_later(loaded: LoadedA
     loaded.torque(True)
     with loaded.controller(own, joint=ELBOW):
         loaded.sleep(0.1)
+
+
+def test_torque_can_be_enabled_after_it_was_disabled_during_a_user_controller(loaded: LoadedArm) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    with loaded.controller(own, joint=PAN):
+        loaded.torque(False, park=False)
+        loaded.torque(True)
+        with pytest.raises(ArmBusyError, match="own_controller drives it"):
+            loaded.move_to({PAN: 0.1})
+        loaded.torque(False, park=False)
+    loaded.torque(True)
+    loaded.move_to({PAN: 0.1, "gripper": 0.5}, duration=1.0)
 
 
 def test_a_user_controller_whose_start_is_interrupted_releases_its_joints(

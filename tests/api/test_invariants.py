@@ -2,11 +2,12 @@
 
 import random
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from pathlib import Path
 
 import pytest
 
-from servoloop import Arm, ArmError
+from servoloop import Arm, ArmBusyError, ArmError
 from servoloop.api.own_loop import describe
 from servoloop.api.pace import SimulatedPace
 from servoloop.api.stack_backend import StackBackend
@@ -15,7 +16,10 @@ from servoloop.campaign.run import end_program
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import Files, read_files
+from sim_backend.faults.text import parse
 from tests.api.loaded_arm import FREE
+from tests.ros.two_components import write_servos
 
 PAN = "shoulder_pan"
 
@@ -23,14 +27,20 @@ PAN = "shoulder_pan"
 class WatchedArm(Arm):
     """Arm on a stack that the invariants watch."""
 
-    def __init__(self) -> None:
-        self.stack = FaultyStack(files=read_arm_files(find_arm("so101")), keep_alive=True)
+    def __init__(self, files: Files | None = None) -> None:
+        self.stack = FaultyStack(files=files or read_arm_files(find_arm("so101")), keep_alive=True)
         control = self.stack.control_stack
         pace = SimulatedPace(self.stack.loop, lambda: None, lambda error: None)
         backend = StackBackend(control, describe(control), pace, lambda: None, StackRecording(None))
         self.watch = Watch(self.stack)
         self.stack.up()
         self._use(backend, backend.close, "so101")
+
+    def lose(self, bus: str = "") -> None:
+        """Unplug an adapter for half a second, until its component is lost."""
+        fault = parse(f"adapter_unplugged {bus} for=0.5s")
+        self.stack.player.play([fault], self.stack.world.time_s)
+        self.sleep(1.0)
 
     def end(self) -> list[str]:
         """Shut the arm down, and return the violations."""
@@ -64,6 +74,32 @@ def test_motions_streams_and_torque_keep_the_invariants(arm: WatchedArm) -> None
     arm.torque(True)
     arm.move_to({"elbow_flex": 1.0}, speed=0.3)
     assert arm.end() == []
+
+
+@pytest.mark.parametrize("streams", [False, True])
+def test_torque_of_an_arm_that_was_lost_can_be_enabled(arm: WatchedArm, streams: bool) -> None:
+    arm.move_to(FREE, duration=2.0)
+    with suppress(ArmError), arm.stream(max_age=9.0) if streams else nullcontext():
+        arm.lose()
+    with pytest.raises(ArmBusyError, match=r"is lost .* Call arm\.torque\(True\)"):
+        arm.move_to({PAN: 0.2})
+    arm.torque(True)
+    arm.move_to({PAN: 0.2, "gripper": 0.5}, duration=1.5)
+    assert arm.state.position[PAN] == pytest.approx(0.2, abs=0.05)
+    assert arm.end() == []
+
+
+def test_a_stream_that_lost_the_hand_gives_the_arm_back(tmp_path: Path) -> None:
+    arm = WatchedArm(read_files(write_servos(tmp_path)))
+    joint, hand = arm.joints[0], arm.joints[-1]
+    with arm.stream(max_age=9.0):
+        arm.lose("bus=hand")
+    arm.move_to({joint: 0.2}, duration=1.0)
+    with pytest.raises(ArmBusyError, match=f"{hand} cannot be moved: .* is lost"):
+        arm.move_to({hand: 0.0})
+    arm.torque(True)
+    arm.move_to({joint: 0.0, hand: 0.0}, duration=1.0)
+    arm.end()
 
 
 @pytest.mark.slow
