@@ -59,7 +59,7 @@ def shut_down(
         _try(problems, "stop the motion", lambda: _stop(loop))
     _try(problems, "wait for open component transitions", settle)
     _try(problems, "complete component transitions", loop.component_transitions.end)
-    for component in loop.hardware.lost if relax else ():
+    for component in (one for one in loop.hardware.lost if relax and one.written):
         released |= _end_lost(loop, component, hurry(), problems)
     _try(problems, "deactivate the controllers", loop.manager.deactivate)
     if loop.hardware.state is LifecycleState.ACTIVE:

@@ -5,6 +5,7 @@ from typing import Any, Final, Protocol
 
 from controller.manager.requests import Request
 from controller.manager.switch import SwitchRequest
+from controller.manager_errors import ManagerError
 from drivers.driver_errors import DriverError
 from hal.components.component import Component
 from hal.hal_errors import HalError
@@ -18,6 +19,8 @@ AGAIN_S: Final = 1.0
 REACTIVATE: Final = "a"
 """Key that enables the torque of limp follower servos again."""
 HINT: Final = f"press {REACTIVATE} to enable their torque again at their current position"
+REFUSED: Final = (DriverError, HalError, ManagerError, RuntimeError)
+"""Errors of refused requests. After its last cycle, the loop refuses all requests with RuntimeError."""
 HANDS_FREE_HINT: Final = "press Ctrl-C and start teleop again to enable their torque"
 
 
@@ -86,7 +89,7 @@ class Attendance:
             if self._step is not None:
                 self._step.result()
             self._step = next(self._reactivation, None)
-        except (DriverError, HalError) as error:
+        except REFUSED as error:
             self._step, self._problem = None, str(error)
         if self._step is None:
             self._reactivation = None
@@ -106,6 +109,6 @@ def _problem(request: Request[None] | None) -> str:
         return ""
     try:
         request.result()
-    except (DriverError, HalError) as error:
+    except REFUSED as error:
         return str(error)
     return ""

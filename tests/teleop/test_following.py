@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.shutdown import shut_down
 from controller.teleop.leader_follower_controller import FollowerPhase
 from controller.teleop.ramp_in import SHARE
 from drivers.servos import sts
@@ -13,7 +14,7 @@ from hal.servos.leader_arm import LeaderArm
 from hal.types import FloatArray
 from servoloop.stack.hardware import open_buses
 from servoloop.teleop.arms import TeleopError, release_leader
-from servoloop.teleop.attendance import HINT
+from servoloop.teleop.attendance import AGAIN_S, HINT
 from servoloop.teleop.screen import rows, status_line
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.line import ServoLine
@@ -155,6 +156,34 @@ def test_follower_holds_when_the_leader_port_is_lost_and_rejoins_when_it_returns
     rig.follow()
     ways = np.abs(np.diff(commands(rig, cycle), axis=0)) * 50.0
     assert ways.max() <= max(joint.limits.velocity for joint in FOLLOWER.robot.joints)
+
+
+@pytest.mark.parametrize("relax", [False, True])
+def test_end_with_a_lost_leader_succeeds_while_the_user_interface_continues(relax: bool) -> None:
+    rig = Rig().follow()
+    rig.leader.unplug()
+    rig.attend(1.5)
+
+    def update() -> bool:
+        rig.attendance.update(rig.clock.now())
+        return False
+
+    assert shut_down(rig.loop, relax, {PAN: 0.5}, 0.25, hurry=update) == []
+    rig.clock.sleep_until(rig.clock.now() + 2.0 * AGAIN_S)
+    update()
+    assert "leader is lost: virtual was unplugged" in rig.person.shown[-1]
+
+
+def test_end_during_an_activation_of_the_follower_is_shown() -> None:
+    rig = Rig().follow()
+    (line,) = rig.follower.lines.values()
+    line.servo(3).power_cycle()
+    rig.attend(1.0)
+    rig.person.typed = ["a"]
+    rig.attendance.update(rig.clock.now())
+    shut_down(rig.loop, False, None, 1.0)
+    rig.attendance.update(rig.clock.now())
+    assert "the control loop has ended" in rig.person.shown[-1]
 
 
 def test_silent_leader_servo_is_reported_and_the_follower_holds() -> None:
