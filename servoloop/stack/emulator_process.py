@@ -18,7 +18,7 @@ from servoloop.extras import require_extras
 from servoloop.stack import hardware
 from servoloop.stack.devices import device_paths
 from servoloop.stack.hardware import HardwareKind
-from servoloop.stack.processes import POLL_S, Interrupted, end, end_with_parent
+from servoloop.stack.processes import POLL_S, Interrupted, end, start_child
 from servoloop.stack.robot_files import Files, ServoFiles
 from sim_backend.scene.world_feed import feed_path
 
@@ -60,11 +60,10 @@ def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) ->
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         link = Path(folder) / "bus"
         places = device_paths(link, files.robot.file.lines())
-        process = subprocess.Popen(
+        process = start_child(
             [sys.executable, "-m", "servoloop", *emulate_arguments(link, files)],
             stdout=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C must not end the emulator, which the stack still needs to stop the arm
-            preexec_fn=end_with_parent,
         )
         try:
             _wait_for(link, list(places.values()), process, signals)

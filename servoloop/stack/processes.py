@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -38,6 +40,27 @@ def end_with_parent() -> None:
     """Request that the calling process receive SIGTERM when its parent exits. A child process calls this before
     ``exec``."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def start_child(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
+    """Start a process that receives SIGTERM when this program ends. ``options`` are those of ``subprocess.Popen``.
+
+    The system sends the signal when the thread that started the process ends. The calling thread may end early, so
+    another thread starts the process and waits for its end.
+    """
+    started: Future[subprocess.Popen[bytes]] = Future()
+
+    def run() -> None:
+        try:
+            process = subprocess.Popen(command, preexec_fn=end_with_parent, **options)
+        except BaseException as error:
+            started.set_exception(error)
+        else:
+            started.set_result(process)
+            process.wait()
+
+    threading.Thread(target=run, name="child process", daemon=True).start()
+    return started.result()
 
 
 def end(process: "subprocess.Popen[Any]", timeout_s: float = END_S, hurry: Callable[[], bool] = lambda: False) -> int:
@@ -74,14 +97,13 @@ class Processes:
     def start(self, name: str, module: str, *arguments: str) -> int:
         """Start ``python -m module arguments`` and return the process ID."""
         with (self._folder / f"{name}.log").open("wb") as log:
-            process = subprocess.Popen(
+            process = start_child(
                 [sys.executable, "-m", module, *arguments],
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
                 env=self._environment,
                 start_new_session=True,  # Ctrl-C must reach only this process, which ends its children in order
-                preexec_fn=end_with_parent,
             )
         self._running.append((name, process))
         return process.pid

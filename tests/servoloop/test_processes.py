@@ -4,20 +4,22 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
 import pytest
 
 from drivers.driver_errors import DriverError
-from servoloop.stack.processes import Interrupted, Processes, end
+from servoloop.stack.processes import Interrupted, Processes, end, start_child
 
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(99)"
 PARENT = """
-import subprocess, sys, time
-from servoloop.stack.processes import end_with_parent
-child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(99)'], preexec_fn=end_with_parent)
+import sys, time
+from servoloop.stack.processes import start_child
+child = start_child([sys.executable, '-c', 'import time; time.sleep(99)'])
 print(child.pid, flush=True)
 time.sleep(99)
 """
@@ -59,6 +61,21 @@ def test_a_child_ends_when_its_parent_is_killed() -> None:
         parent.kill()
     gone, _ = psutil.wait_procs([orphan], timeout=10.0)
     assert gone == [orphan] or orphan.status() == psutil.STATUS_ZOMBIE
+
+
+def test_a_child_continues_after_the_thread_that_started_it() -> None:
+    echo = [sys.executable, "-c", "print(input())"]
+    with ThreadPoolExecutor() as threads:
+        child = threads.submit(start_child, echo, stdin=subprocess.PIPE, stdout=subprocess.PIPE).result()
+        thread = threads.submit(threading.get_native_id).result()
+    while Path(f"/proc/self/task/{thread}").exists():  # Python reports the end of a thread a little earlier.
+        time.sleep(0.001)
+    assert child.communicate(b"here\n", timeout=60.0) == (b"here\n", None)
+
+
+def test_a_command_that_cannot_be_started_is_reported() -> None:
+    with pytest.raises(FileNotFoundError, match="no-such-command"):
+        start_child(["no-such-command"])
 
 
 def test_waiting_for_processes_ends_with_the_condition_a_signal_the_time_or_a_process(tmp_path: Path) -> None:
