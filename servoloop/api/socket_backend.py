@@ -103,7 +103,15 @@ class SocketBackend:
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Call a function with the latest state after each cycle, and return a function that ends the calls."""
-        return self._pace.watch(lambda: observer(self.state()))
+
+        def observe() -> None:
+            try:
+                state = self.state()
+            except ArmEndedError:  # At the end, the observers are called once more, without a new state.
+                return
+            observer(state)
+
+        return self._pace.watch(observe)
 
     def start(self, goal: MotionGoal) -> MotionProgress:
         """Start a motion, as ``ArmBackend.start`` describes."""

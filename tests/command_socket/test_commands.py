@@ -1,12 +1,14 @@
 """Clients of the command socket move a simulated arm through its controllers."""
 
 import math
+import threading
 import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
+from servoloop import Arm, ArmState
 from servoloop.command_socket.client import CommandClient
 from servoloop.command_socket.command_errors import CommandError
 from tests.command_socket.rig import SocketRig, served, settle
@@ -178,6 +180,29 @@ def test_states_arrive_while_they_are_watched(client: CommandClient) -> None:
     client.request("watch", rate_hz=0.0)
     client.events()
     assert not client.events(0.1)
+
+
+def test_callbacks_are_not_called_after_the_end_of_a_connection(
+    rig: SocketRig, caplog: pytest.LogCaptureFixture
+) -> None:
+    ready, entered, closed, states = threading.Event(), threading.Event(), threading.Event(), list[ArmState]()
+    threads: list[threading.Thread] = []
+
+    def wait(state: ArmState) -> None:
+        if ready.is_set():
+            threads.append(threading.current_thread())
+            entered.set()
+            closed.wait(20.0)
+
+    with Arm.connect() as arm:
+        arm.on_state(wait)
+        arm.on_state(states.append)
+        ready.set()
+        assert entered.wait(20.0)
+        states.clear()
+    closed.set()
+    threads[0].join(20.0)
+    assert states == [] and "callback failed" not in caplog.text
 
 
 def test_only_one_client_owns_the_motion(client: CommandClient, rig: SocketRig) -> None:
