@@ -9,6 +9,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Final, Self
 
+from controller.trajectory.goal import LONGEST_GOAL_S
 from drivers.clock import MonotonicClock
 from drivers.driver_errors import DriverError
 from hal.types import JointLimits
@@ -35,7 +36,7 @@ EVENTS_S: Final = 0.2
 """Maximum duration of a single wait for states, in seconds. After ``close``, the waiting thread ends within this
 time."""
 TORQUE_S: Final = 90.0
-"""Maximum time to move to the park pose and to disable the torque, in seconds."""
+"""Maximum time to enable or disable the torque, in seconds, in addition to the motion to the park pose."""
 FASTEST_HZ: Final = 1000.0
 
 
@@ -165,7 +166,8 @@ class SocketBackend:
     def set_torque(self, on: bool, park: bool = True) -> None:
         """Enable or disable the torque, as ``ArmBackend.set_torque`` describes."""
         self._ask("take")
-        self._ask("torque", TORQUE_S, on=on, park=park)
+        park_s = LONGEST_GOAL_S if park and not on else 0.0  # The stack limits the time of the motion.
+        self._ask("torque", TORQUE_S + park_s, on=on, park=park)
 
     def begin_freedrive(self) -> None:
         """Let a person move the joints, as ``ArmBackend.begin_freedrive`` describes."""

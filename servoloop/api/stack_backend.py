@@ -41,7 +41,7 @@ ANSWER_S: Final = 5.0
 FREEDRIVE_S: Final = 2.0
 """Maximum time to begin or end a freedrive, in seconds."""
 PARK_S: Final = 60.0
-"""Maximum time for the motion to the park pose, in seconds."""
+"""Maximum time by which the motion to the park pose may exceed its planned duration, in seconds."""
 
 
 class StackBackend:
@@ -328,11 +328,16 @@ class StackBackend:
         pose = {joint: at for joint, at in park.pose.items() if joint in self.description.joints}
         duration_s = approach_s(pose, self.state().command, self.description.limits, park.velocity_scale)
         progress = self.start(MotionGoal(tuple(pose), (duration_s,), (tuple(pose.values()),)))
-        if not self.wait(lambda: progress.done, PARK_S) or progress.failure is not None:
+        limit_s = duration_s + PARK_S
+        ended = self.wait(lambda: progress.done, limit_s)
+        if not ended:
+            self.cancel(progress)
+        failure = progress.failure if ended else ArmTimeoutError(f"the motion did not end within {limit_s:.1f} s")
+        if failure is not None:
             raise MotionFailedError(
-                f"the park pose was not reached, so the torque stays enabled: {progress.failure}. Use torque(False, "
-                "park=False) and hold the arm"
-            ) from progress.failure
+                f"the park pose was not reached, so the torque stays enabled: {failure}. Use torque(False, park=False) "
+                "and hold the arm"
+            ) from failure
 
     def _in_loop(self, action: Callable[[], None]) -> None:
         """Run an action between two cycles and raise any error that it causes."""

@@ -25,6 +25,7 @@ from servoloop import (
     MotionCanceledError,
     MotionFailedError,
 )
+from servoloop.api import stack_backend
 from servoloop.api.stream_gate import Takeover
 from servoloop.api.thread_loop import exit_on_signals
 from servoloop.manual.poses import Poses
@@ -263,6 +264,24 @@ def test_the_torque_stays_on_if_the_park_pose_is_not_reached(loaded: LoadedArm) 
     with pytest.raises(MotionFailedError, match="the park pose was not reached, so the torque stays enabled"):
         loaded.torque(False)
     loaded.torque(False, park=False)
+
+
+def test_the_park_pose_may_be_reached_slowly(loaded: LoadedArm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stack_backend, "PARK_S", 1.5)
+    begun_s = loaded.state.time_s
+    loaded.torque(False)
+    assert loaded.state.time_s > begun_s + 2.0
+
+
+def test_an_arm_that_parks_for_too_long_stops_with_its_torque_on(
+    loaded: LoadedArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stack_backend, "PARK_S", -1.0)
+    with pytest.raises(MotionFailedError, match=r"torque stays enabled: the motion did not end within \d\.\d s\. Use"):
+        loaded.torque(False)
+    loaded.sleep(0.5)
+    assert loaded.state.command == loaded.step(5).command
+    loaded.move_to(FREE, duration=1.0)
 
 
 def test_the_whole_run_is_recorded(tmp_path: Path) -> None:
