@@ -231,14 +231,17 @@ def list_(arm: ArmOption = OWN, json: JsonOption = False) -> None:
 
     Example: `servoloop teach list --arm so101`
     """
-    from servoloop.teach.motion_files import MotionStore
+    from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError
 
-    motions = MotionStore(find_arm(arm).folder).all()
+    found = MotionStore(find_arm(arm).folder).all()
+    motions = {name: one for name, one in found.items() if isinstance(one, RecordedMotion)}
     if json:
         print_json({name: _plain(motion) for name, motion in motions.items()})
-        return
-    for name, motion in motions.items():
-        typer.echo(f"{name}: {summary(motion)}")
+    else:
+        for name, motion in motions.items():
+            typer.echo(f"{name}: {summary(motion)}")
+    if problems := [str(one) for one in found.values() if isinstance(one, TeachError)]:
+        raise TeachError("\n".join(problems))
 
 
 @app.command()

@@ -17,6 +17,7 @@ from controller.trajectory.goal import LONGEST_GOAL_S
 from drivers.driver_errors import DriverError
 from hal.joint import Joint
 from hal.plausible import AnyVelocity, NoTruth, Position
+from hal.text_file import exists
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
@@ -27,7 +28,9 @@ class TeachError(DriverError):
 
 
 FOLDER: Final = "taught"
-NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
+LONGEST_NAME: Final = 243
+"""Maximum length of a name. A file name has at most 255 characters, and the suffix ``.yaml.1.part`` has twelve."""
+NAME: Final = re.compile(rf"[A-Za-z0-9_-]{{1,{LONGEST_NAME}}}")
 FASTEST_HAND: Final = {"rad": 20.0, "m": 2.0}
 """Maximum joint velocity of a path recorded by hand, in rad/s or m/s. If the path is faster than this, it contains a
 jump."""
@@ -233,16 +236,20 @@ class MotionStore:
         """``folder`` is the folder of the arm."""
         self._folder = folder / FOLDER
 
-    def all(self) -> dict[str, RecordedMotion]:
-        """Return all motions, keyed by name."""
-        return {name: self.get(name) for name in self._names()}
+    def all(self) -> dict[str, RecordedMotion | TeachError]:
+        """Return all motions, keyed by name. If a file has errors, its value is the error."""
+        found: dict[str, RecordedMotion | TeachError] = {}
+        for name in self._names():
+            try:
+                found[name] = self.get(name)
+            except TeachError as error:
+                path = self._folder / f"{name}.yaml"
+                found[name] = error if NAME.fullmatch(name) else TeachError(f"{path}: {error}")
+        return found
 
     def get(self, name: str) -> RecordedMotion:
         """Return the motion with this name."""
-        if not self.path(name).exists():
-            known = ", ".join(self._names()) or "none"
-            raise TeachError(f"there is no motion {name} in {self._folder}. Recorded motions: {known}")
-        return _taught(*load_with_lines(self.path(name), MotionFile, TeachError))
+        return _taught(*load_with_lines(self._existing(name), MotionFile, TeachError))
 
     def require_writable(self) -> None:
         """Create the folder and check that it is writable, before a motion is recorded. Raises DriverError."""
@@ -260,15 +267,28 @@ class MotionStore:
 
     def remove(self, name: str) -> None:
         """Delete a motion and its previous version."""
-        self.get(name)
-        for path in (self.path(name), self.path(name).with_name(f"{name}.yaml.1")):
-            path.unlink(missing_ok=True)
+        path = self._existing(name)
+        try:
+            for one in (path.with_name(f"{name}.yaml.1"), path):
+                one.unlink(missing_ok=True)
+        except OSError as error:
+            raise TeachError(f"cannot remove {one}: {error.strerror}") from error
 
     def path(self, name: str) -> Path:
         """Return the path of a motion's file. Raises TeachError if the name is invalid."""
         if not NAME.fullmatch(name):
-            raise TeachError(f"{name!r} is not a valid name: use only letters, digits, _ and -")
+            raise TeachError(
+                f"{name!r} is not a valid name: use only letters, digits, _ and -, and at most {LONGEST_NAME} of them"
+            )
         return self._folder / f"{name}.yaml"
+
+    def _existing(self, name: str) -> Path:
+        """Return the path of an existing file. Raises TeachError if there is no motion with this name."""
+        path = self.path(name)
+        if not exists(path, TeachError):
+            known = ", ".join(self._names()) or "none"
+            raise TeachError(f"there is no motion {name} in {self._folder}. Recorded motions: {known}")
+        return path
 
     def _names(self) -> list[str]:
         return sorted(path.stem for path in self._folder.glob("*.yaml"))

@@ -12,7 +12,7 @@ from controller.teach.hand_path import HandPath
 from drivers.driver_errors import DriverError
 from servoloop.cli import app
 from servoloop.stack.shipped_files import ARMS
-from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError, beyond, check_duration
+from servoloop.teach.motion_files import LONGEST_NAME, MotionStore, RecordedMotion, TeachError, beyond, check_duration
 from tests.teach.rig import SO101
 
 JOINTS = {joint.name: joint for joint in SO101.robot.joints}
@@ -57,9 +57,24 @@ def test_unknown_and_invalid_names_are_explained(motions: MotionStore) -> None:
     motions.save("nod", POSES, JOINTS)
     with pytest.raises(TeachError, match="motions: nod"):
         motions.remove("wave")
-    for name in ("../wave", "", "a b", "wave.yaml"):
-        with pytest.raises(TeachError, match="letters, digits, _ and -"):
+    for name in ("../wave", "", "a b", "wave.yaml", "w" * (LONGEST_NAME + 1)):
+        with pytest.raises(TeachError, match=f"use only letters, digits, _ and -, and at most {LONGEST_NAME} of them"):
             motions.save(name, POSES, JOINTS)
+
+
+def test_the_longest_name_can_be_saved_twice_and_deleted(motions: MotionStore) -> None:
+    name = "w" * LONGEST_NAME
+    motions.save(name, POSES, JOINTS)
+    motions.save(name, PATH, JOINTS)
+    motions.remove(name)
+    assert not motions.all()
+
+
+def test_a_motion_that_cannot_be_deleted_is_reported(motions: MotionStore) -> None:
+    motions.save("wave", POSES, JOINTS)
+    motions.path("wave").with_name("wave.yaml.1").mkdir()
+    with pytest.raises(TeachError, match=r"cannot remove .*wave\.yaml\.1: Is a directory"):
+        motions.remove("wave")
 
 
 @pytest.mark.parametrize(
@@ -236,6 +251,25 @@ def test_commands_list_and_delete_motions(arm: Path) -> None:
     assert found == {"kind": "path", "joints": list(NAMES), "points": 2, "duration_s": 1.5}
     assert run(app, ["teach", "remove", "wave", "--arm", str(arm)]).exit_code == 0
     assert run(app, ["teach", "list", "--arm", str(arm)]).output == ""
+
+
+def test_bad_files_do_not_hide_the_other_motions_and_can_be_deleted(arm: Path) -> None:
+    motions = MotionStore(arm)
+    copy = motions.path("wave").with_name("wave copy.yaml")
+    for path in (copy, motions.path("broken")):
+        path.write_text("version: 1\n")
+
+    def listed(*options: str) -> tuple[str, str]:
+        result = CliRunner().invoke(app, ["teach", "list", "--arm", str(arm), *options])
+        assert isinstance(result.exception, TeachError)
+        return result.output, str(result.exception)
+
+    output, error = listed()
+    assert output == "wave: a path of 1.5 s through 2 points\n"
+    assert f"{motions.path('broken')}:1: version" in error and f"{copy}: 'wave copy' is not a valid name" in error
+    assert list(json.loads(listed("--json")[0])) == ["wave"]
+    assert CliRunner().invoke(app, ["teach", "remove", "broken", "--arm", str(arm)]).exit_code == 0
+    assert not motions.path("broken").exists()
 
 
 def test_play_refuses_before_it_opens_a_port(arm: Path) -> None:
