@@ -155,5 +155,5 @@ def test_figures_in_the_docs_match_the_code() -> None:
     prose = " ".join(TEXT.split())
     assert APPROACH == 0.25 and "a quarter of each joint's velocity limit" in prose
     assert HANDS_S == 2.0 and "The arm holds its position for two seconds" in prose
-    assert TOLERANCE == 0.001 and "within 0.1 % of each joint's range" in prose
+    assert TOLERANCE == 0.001 and "by at most 0.1 % of each joint's range" in prose
     assert WINDOW * GRID_S == BEFORE_S == pytest.approx(0.3) and "averaged out, over 0.3 s" in prose
