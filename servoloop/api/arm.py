@@ -94,7 +94,8 @@ class Arm:
             backlash_deg: Backlash of each servo, in degrees.
 
         Raises:
-            ArmSetupError: The arm does not exist, its files are invalid, or its servos cannot be activated.
+            ArmSetupError: The arm does not exist, its files or an argument are invalid, or its servos cannot be
+                activated.
         """
         from servoloop.api.options import ArmOptions
         from servoloop.api.simulated_loop import SimulatedLoop
@@ -452,6 +453,7 @@ class Arm:
 
         Raises ArmEndedError if the control loop ends.
         """
+        seconds = checked_number("seconds", seconds)
         if seconds > 0.0:
             self._backend.wait(lambda: False, seconds)
 

@@ -86,11 +86,16 @@ def checked_timeout(value: object) -> float:
 
 
 def number_of(value: Any) -> float | None:
-    """Return a value as a number, or None if the value is a string, a Boolean (including NumPy's) or not a number."""
+    """Return a value as a number, or None if the value is a string, a Boolean (including NumPy's) or not a number.
+
+    A whole number beyond the range of a float becomes infinite.
+    """
     if isinstance(value, str | bytes) or type(value).__name__.startswith("bool"):
         return None
     try:
         return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
     except (TypeError, ValueError):
         return None
 

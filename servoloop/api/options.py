@@ -1,8 +1,10 @@
 """Options for an arm that a script runs, and the files selected by the options."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +12,7 @@ from controller.manager_errors import ControllersFileError, ManagerError, Plugin
 from drivers.driver_errors import DriverError
 from hal.hal_errors import HalError
 from servoloop.api.arm_errors import ArmError, ArmSetupError
+from servoloop.api.checks import number_of
 from servoloop.recording.mcap import check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
@@ -39,9 +42,19 @@ class ArmOptions:
             files = read_arm_files(find_arm(self.arm), controllers=self.controllers)
         if self.rate_hz is None:
             return files
-        if self.rate_hz <= 0:
-            raise ArmSetupError(f"rate_hz must be above 0, not {self.rate_hz}")
+        rate_hz = number_of(self.rate_hz)
+        if rate_hz is None or not rate_hz > 0.0:
+            raise ArmSetupError(f"rate_hz must be above 0, not {self.rate_hz!r}")
         return replace(files, controllers=replace(files.controllers, update_rate_hz=self.rate_hz))
+
+
+def check_virtual_arm(seed: object, backlash_deg: object) -> None:
+    """Check the options of ``Arm.simulated``. Raises ArmSetupError."""
+    if seed is not None and not (isinstance(seed, Integral) and int(seed) >= 0):
+        raise ArmSetupError(f"seed must be a whole number of at least 0, not {seed!r}")
+    backlash = number_of(backlash_deg)
+    if backlash is None or not (math.isfinite(backlash) and backlash >= 0.0):
+        raise ArmSetupError(f"backlash_deg must be a finite angle of at least 0, not {backlash_deg!r}")
 
 
 @contextmanager

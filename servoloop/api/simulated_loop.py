@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from servoloop.api.arm_errors import ArmError
-from servoloop.api.options import setup_errors
+from servoloop.api.options import check_virtual_arm, setup_errors
 from servoloop.api.own_loop import CLOSED, OwnLoop, describe, ended_by
 from servoloop.api.pace import SimulatedPace
 from servoloop.api.stack_backend import StackBackend
@@ -28,6 +28,7 @@ class SimulatedLoop(OwnLoop):
             seed: Random seed for variations of the virtual arm. If None, the nominal arm is used.
             backlash_deg: Backlash of each servo, in degrees.
         """
+        check_virtual_arm(seed, backlash_deg)
         super().__init__(files)
         self._failed = False
         recording = StackRecording(record)

@@ -64,9 +64,13 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
 
 
 def goal_of(trajectory: ArmTrajectory, begin_s: float) -> MotionGoal:
-    """Return the goal for a trajectory, with all times delayed by ``begin_s``."""
+    """Return the goal for a trajectory, with all times delayed by ``begin_s``. Raises ArmInputError if a part of the
+    trajectory has the wrong type, or if only some joints have velocities."""
+    times = _elements("the times of the trajectory", trajectory.times_s)
+    times_s = tuple(checked_number("a time of the trajectory", time_s) + begin_s for time_s in times)
+    if not isinstance(trajectory.positions, Mapping):
+        raise ArmInputError(f"the positions must be keyed by joint name, not {trajectory.positions!r}")
     joints = tuple(trajectory.positions)
-    times_s = tuple(float(time_s) + begin_s for time_s in trajectory.times_s)
     return MotionGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
 
 
@@ -77,10 +81,23 @@ def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tu
         raise ArmInputError(
             f"{missing[0]} has positions but no velocities: give velocities for all joints or for none", missing[0]
         )
-    lengths = {len(columns[joint]) for joint in joints}
+    if others := [joint for joint in columns if joint not in joints]:
+        raise ArmInputError(
+            f"{others[0]} has velocities but no positions: give its positions, or omit its velocities", str(others[0])
+        )
+    values = {joint: _elements(f"the values of {joint}", columns[joint]) for joint in joints}
+    lengths = {len(column) for column in values.values()}
     if len(lengths) > 1:
         raise ArmInputError(f"the joints have different numbers of points ({sorted(lengths)}): use one point per time")
-    return tuple(zip(*([_number(joint, at) for at in columns[joint]] for joint in joints), strict=True))
+    return tuple(zip(*([_number(joint, at) for at in column] for joint, column in values.items()), strict=True))
+
+
+def _elements(name: str, values: Any) -> list[Any]:
+    """Return the elements of a sequence. Raises ArmInputError if ``values`` is not a sequence."""
+    try:
+        return list(values)
+    except TypeError:
+        raise ArmInputError(f"{name} must be a sequence, not {values!r}") from None
 
 
 def _number(joint: str, value: Any) -> float:

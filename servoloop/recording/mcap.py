@@ -74,9 +74,15 @@ def check_path(path: Path) -> None:
     """Raise RecordingError if no recording can be created at ``path``."""
     if path.suffix != SUFFIX:
         raise RecordingError(f"{path} is not a valid name for a recording: the name must end in {SUFFIX}")
-    if path.exists():
+    if "\0" in str(path):
+        raise RecordingError(f"{str(path)!r} is not a valid path, because it contains a null character")
+    try:
+        exists, has_folder = path.exists(), path.parent.is_dir()
+    except OSError as error:
+        raise RecordingError(f"cannot write the recording {path}: {error.strerror}; choose another path") from error
+    if exists:
         raise RecordingError(f"{path} already exists: choose another file name, or delete the file")
-    if not path.parent.is_dir():
+    if not has_folder:
         raise RecordingError(f"folder {path.parent} does not exist: create the folder first")
 
 

@@ -34,11 +34,13 @@ BAD_TARGETS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "NaN": ({"elbow_flex": math.nan}, {}, "elbow_flex: position nan is not finite"),
     "beyond a limit": ({"elbow_flex": 9.0}, {}, "elbow_flex: position 9.0000 is outside the limits -1.6"),
     "gripper beyond a limit": ({"gripper": -3.0}, {}, "gripper: position -3.0000 is outside the limits"),
+    "more than a float": ({"elbow_flex": -(10**400)}, {}, "elbow_flex: position -inf is not finite"),
     "text": ({"elbow_flex": "up"}, {}, "elbow_flex: 'up' is not a number"),
     "number as text": ({"elbow_flex": "0.1"}, {}, "elbow_flex: '0.1' is not a number"),
     "truth value": ({"elbow_flex": True}, {}, "elbow_flex: True is not a number"),
     "truth values": (np.zeros(6, dtype=bool), {}, "is not a number: use a position in rad or m"),
     "set": ({0.0, 0.1, 0.2, 0.3, 0.4, 0.5}, {}, "is not a target: use positions keyed by joint name, or an array"),
+    "more time than a float": ({"elbow_flex": 0.1}, {"duration": 10**400}, "duration must be a finite time above 0 s"),
     "time as text": ({"elbow_flex": 0.1}, {"duration": "1"}, "duration must be a number, not '1'"),
     "speed as text": ({"elbow_flex": 0.1}, {"speed": "fast"}, "speed must be a number, not 'fast'"),
     "no number as timeout": ({"elbow_flex": 0.1}, {"timeout": math.nan}, "timeout must be a time in seconds, not nan"),
@@ -179,8 +181,19 @@ class ArmContract:
             (ArmTrajectory([0.0, 1.0], {PAN: [0.0, 9.0]}), "shoulder_pan: position 9.0000 at point 1 is outside"),
             (ArmTrajectory([], {PAN: []}), "has no points"),
             (ArmTrajectory([0.0, 1.0], {PAN: [0.0, 0.1]}, {"elbow_flex": [0.0, 0.0]}), "but no velocities"),
+            (
+                ArmTrajectory([0.0, 1.0], {PAN: [0.0, 0.1]}, {PAN: [0.0, 0.0], "elbow_flex": [0.0, 0.0]}),
+                "elbow_flex has velocities but no positions",
+            ),
+            (ArmTrajectory(["a", 1.0], {PAN: [0.0, 0.1]}), "a time of the trajectory must be a number, not 'a'"),  # type: ignore[list-item]
+            (ArmTrajectory(1.0, {PAN: [0.0]}), "the times of the trajectory must be a sequence, not 1.0"),  # type: ignore[arg-type]
+            (ArmTrajectory([1.0], {PAN: 0.1}), "the values of shoulder_pan must be a sequence, not 0.1"),  # type: ignore[dict-item]
+            (ArmTrajectory([0.0, 1.0], [0.0, 0.1]), "keyed by joint name, not \\[0.0, 0.1\\]"),  # type: ignore[arg-type]
         ],
-        ids=["rows", "times", "limits", "empty", "velocities"],
+        ids=[
+            *("rows", "times", "limits", "empty", "velocities", "other velocities"),
+            *("text as time", "one time", "one position", "no names"),
+        ],
     )
     def test_a_bad_trajectory_is_explained(self, arm: Arm, trajectory: ArmTrajectory, message: str) -> None:
         with pytest.raises(ArmInputError, match=message):
@@ -310,3 +323,8 @@ class ArmContract:
             with pytest.raises(ArmInputError, match="exists"), arm.record(path):
                 pass
         assert len(read_recording(path).time_s) > 5
+
+    @pytest.mark.parametrize("name", ["r" * 300 + ".mcap", "a\0b.mcap"], ids=["long", "null"])
+    def test_a_path_that_cannot_be_recorded_is_explained(self, arm: Arm, tmp_path: Path, name: str) -> None:
+        with pytest.raises(ArmInputError, match=r"File name too long|contains a null character"):
+            arm.record(tmp_path / name).__enter__()

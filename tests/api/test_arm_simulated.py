@@ -315,9 +315,19 @@ def test_a_closed_arm_explains_itself() -> None:
         ("so99", {}, "there is no arm so99: choose one of bimanual_so101, koch"),
         ("so101", {"rate_hz": 0}, "rate_hz must be above 0, not 0"),
         ("so101", {"rate_hz": 2000}, "2000 Hz is too fast"),
+        ("so101", {"rate_hz": "20"}, "rate_hz must be above 0, not '20'"),
+        ("so101", {"seed": -1}, "seed must be a whole number of at least 0, not -1"),
+        ("so101", {"seed": 0.5}, r"seed must be a whole number of at least 0, not 0\.5"),
+        ("so101", {"backlash_deg": -5}, "backlash_deg must be a finite angle of at least 0, not -5"),
+        ("so101", {"backlash_deg": math.nan}, "backlash_deg must be a finite angle of at least 0, not nan"),
         ("so101", {"controllers": "none.yaml"}, "none.yaml"),
+        ("so101", {"record": "r" * 300 + ".mcap"}, "cannot write the recording .*: File name too long"),
+        ("a" * 300, {}, "there is no arm aaa"),
     ],
-    ids=["arm", "no rate", "fast", "controllers"],
+    ids=[
+        *("arm", "no rate", "fast", "rate as text", "seed", "fraction as seed", "backlash", "no number as backlash"),
+        *("controllers", "recording", "long name"),
+    ],
 )
 def test_an_arm_that_cannot_start_gives_the_reason(name: str, options: dict[str, object], message: str) -> None:
     with pytest.raises(ArmSetupError, match=message):
