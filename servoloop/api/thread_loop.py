@@ -10,6 +10,7 @@ from types import FrameType
 from typing import Final
 
 from drivers.clock import MonotonicClock, wall_offset_s
+from hal.lifecycle import LifecycleState
 from servoloop.api.arm_errors import ArmEndedError, ArmError
 from servoloop.api.options import setup_errors
 from servoloop.api.own_loop import CLOSED, OwnLoop, describe, ended_by
@@ -42,7 +43,7 @@ class ThreadLoop(OwnLoop):
         super().__init__(files)
         self._signals = Signals()
         self._started = False
-        """Whether the loop thread may use the ports. Only this thread may then shut the arm down."""
+        """Whether the loop thread may use the ports, or must be started to shut the arm down."""
         recording = StackRecording(record)
         try:
             with setup_errors():
@@ -65,13 +66,16 @@ class ThreadLoop(OwnLoop):
         pace = ThreadPace(clock, self.ended)
         self.backend = StackBackend(stack, describe(stack), pace, self.ended, recording)
         offset_s = wall_offset_s(clock, time.time)
-        self._activate(stack, recording.of(stack.loop, files, offset_s, lambda: run.failed, setup.scene))
-        self._exit.enter_context(prompt_interpreter(full_collections=True))
         self._exit.enter_context(exit_on_signals())
-        # Only the loop thread gets this priority, because the program may compute for a long time.
-        with realtime_priority(PRIORITY):
-            self._started = True  # This line comes first, because Ctrl-C may interrupt the start.
-            run.start()
+        try:
+            self._activate(stack, recording.of(stack.loop, files, offset_s, lambda: run.failed, setup.scene))
+            self._exit.enter_context(prompt_interpreter(full_collections=True))
+            # Only the loop thread gets this priority, because the program may compute for a long time.
+            with realtime_priority(PRIORITY):
+                self._started = True  # This line comes first, because Ctrl-C may interrupt the start.
+                run.start()
+        finally:
+            self._started |= stack.loop.hardware.state is LifecycleState.ACTIVE
         self.backend.state()
 
     def ended(self) -> ArmEndedError | None:
@@ -83,6 +87,8 @@ class ThreadLoop(OwnLoop):
         if self._closed or not self._started:
             return
         self._signals.ask()  # This call comes first, because a signal may interrupt each of the other calls.
+        if not self._run.begun:
+            self._run.start()
         self.ended()
         self._wait_for_shutdown()
         self._why_ended = self._why_ended or CLOSED

@@ -46,9 +46,19 @@ class LoopThread:
     """
     before_cycle: Callable[[Callable[[], bool]], None] = lambda ended: None
     """Function called before each cycle. It may delay the loop until the function passed to it returns true."""
+    _owned: threading.Lock = field(default_factory=threading.Lock)
+    """Lock that the thread of the loop takes when it begins, and keeps."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether the thread has begun to run the loop."""
+        return self._owned.locked()
 
     def start(self) -> threading.Thread:
-        """Start the loop in a daemon thread. The program can end even if this thread hangs."""
+        """Start the loop in a daemon thread. The program can end even if this thread hangs.
+
+        A call that Ctrl-C has interrupted can be repeated: only the first thread that begins runs the loop.
+        """
         self.alive_s = self.wall.now()
         thread = threading.Thread(target=self, name="control loop", daemon=True)
         thread.start()
@@ -56,6 +66,8 @@ class LoopThread:
 
     def __call__(self) -> None:
         """Run the loop, then shut the arm down, even after an error in the loop."""
+        if not self._owned.acquire(blocking=False):
+            return
         ran = False
         try:
             put_first()

@@ -10,6 +10,7 @@ import pytest
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from servoloop import Arm, ArmEndedError
+from servoloop.api import thread_loop
 from servoloop.api.own_loop import OwnLoop
 from servoloop.api.pace import ThreadPace
 from servoloop.api.thread_loop import ThreadLoop
@@ -18,6 +19,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.loop_thread import LoopThread
+from servoloop.stack.processes import realtime_priority
 from tests.api.contract import PAN
 
 Hurry = Callable[[], bool]
@@ -50,12 +52,14 @@ def arm(mocks: list[MockHardware]) -> Iterator[Arm]:
     arm.close()
 
 
-def interrupted_once(call: Callable[..., object]) -> Callable[..., object]:
-    """Return a function that SIGTERM interrupts at its first call."""
+def interrupted_once(call: Callable[..., object], after: bool = False) -> Callable[..., object]:
+    """Return a function that SIGTERM interrupts at its first call, before or after ``call``."""
     interrupts = [SystemExit(143)]
 
     def interrupted(*arguments: object) -> object:
         if interrupts:
+            if after:
+                call(*arguments)
             raise interrupts.pop()
         return call(*arguments)
 
@@ -92,25 +96,41 @@ def test_ctrl_c_during_the_shutdown_does_not_close_the_ports_before_its_end(
     assert early == [False] and closed.is_set()
 
 
+@pytest.mark.parametrize("where", ["before the start", "before the thread", "after the start"])
 def test_ctrl_c_while_the_loop_starts_shuts_the_arm_down(
-    mocks: list[MockHardware], monkeypatch: pytest.MonkeyPatch
+    mocks: list[MockHardware], monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     start, end = LoopThread.start, ControlStack.end
     ends: list[LifecycleState] = []
-
-    def started(run: LoopThread) -> threading.Thread:
-        start(run)
-        raise KeyboardInterrupt
 
     def ending(stack: ControlStack, hurry: Hurry) -> list[str]:
         ends.append(mocks[0].state)
         return end(stack, hurry)
 
-    monkeypatch.setattr(LoopThread, "start", started)
+    if where == "before the start":
+        monkeypatch.setattr(thread_loop, "realtime_priority", interrupted_once(realtime_priority))
+    else:
+        monkeypatch.setattr(LoopThread, "start", interrupted_once(start, after=where == "after the start"))
     monkeypatch.setattr(ControlStack, "end", ending)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(SystemExit):
         Arm("so101")
     assert ends == [LifecycleState.ACTIVE] and ended(mocks)
+
+
+def test_sigterm_while_the_torque_is_enabled_can_shut_the_arm_down(
+    mocks: list[MockHardware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    activate, handlers = MockHardware.activate, list[object]()
+
+    def activated(mock: MockHardware) -> None:
+        handlers.append(signal.getsignal(signal.SIGTERM))
+        activate(mock)
+
+    monkeypatch.setattr(MockHardware, "activate", activated)
+    Arm("so101").close()
+    assert (
+        len(handlers) == 1 and handlers[0] is not signal.SIG_DFL and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    )
 
 
 def test_sigterm_at_the_start_of_the_shutdown_does_not_leave_the_arm_moving(
