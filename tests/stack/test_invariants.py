@@ -3,13 +3,17 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from controller.motion import Kinematics, RuckigMotion
+from drivers.driver_errors import PortLost
 from drivers.types import ServoGoal
 from hal.gate import Gated, SafetyGate
+from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
@@ -23,6 +27,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
+from tests.ros.two_components import write_servos
 from tests.servoloop.planted_bugs import BUGS
 from tests.stack.rig import PICK
 
@@ -232,3 +237,66 @@ def test_a_planted_bug_is_detected_and_its_schedule_passes_without_the_bug(
     assert run_schedule(FILES, {"": JobSettings()}, schedule).violations == ()
     BUGS[bug][0](monkeypatch)
     assert invariant in violated(run_schedule(FILES, {"": JobSettings()}, schedule))
+
+
+def test_a_robot_with_two_components_is_examined_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hand is a component of its own and receives a goal in every second cycle."""
+    files = read_files(write_servos(tmp_path))
+    schedule = Schedule(seconds=2.0, clients=(Move(at_s=0.2, positions={"joint1": 0.5}, seconds=1.0),))
+    report = run_schedule(files, {"": JobSettings()}, schedule)
+    assert report.violations == () and report.examined["goals mean commands"] > 300
+    counts = Joint.counts
+    monkeypatch.setattr(Joint, "counts", lambda joint, position: counts(replace(joint, sign=1), position))
+    assert "goals mean commands" in violated(run_schedule(files, {"": JobSettings()}, schedule))
+
+
+def test_a_component_that_is_lost_without_a_fault() -> None:
+    def lost(stack: FaultyStack) -> None:
+        receive, cycles = stack.hardware.read, count()
+
+        def wrong() -> JointState:
+            if next(cycles) > 20:
+                raise PortLost("the port is lost")
+            return receive()
+
+        stack.hardware.read = wrong  # type: ignore[method-assign]
+
+    (violation,) = run(prepare=lost).violations
+    assert violation.invariant == "silent servo is reported" and "was never unplugged" in violation.text
+
+
+def test_an_internal_error_that_the_stack_survives_is_a_crash() -> None:
+    def broken(stack: FaultyStack) -> None:
+        read, cycles = stack.hardware.read, count()
+
+        def wrong() -> JointState:
+            if next(cycles) > 20:
+                raise KeyError("joint")
+            return read()
+
+        stack.hardware.read = wrong  # type: ignore[method-assign]
+
+    texts = {one.invariant: one.text for one in run(prepare=broken).violations}
+    assert "KeyError('joint')" in texts["no crash"]
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "false_value id=3 register=present_temperature value=33 at=0.2s for=0.1s",
+        "wrong_setting id=3 register=led_alarm_condition value=3 at=0.2s for=0.1s",
+    ],
+)
+def test_a_fault_that_leaves_the_position_right_excuses_no_wrong_goal(
+    fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, cycles = JointBuses.write_goals, count()
+
+    def wrong(buses: JointBuses, goals: Mapping[str, ServoGoal]) -> None:
+        if next(cycles) > 20 and "joint3" in goals:
+            goal = goals["joint3"]
+            goals = {**goals, "joint3": goal._replace(position_counts=goal.position_counts + 300)}
+        write(buses, goals)
+
+    monkeypatch.setattr(JointBuses, "write_goals", wrong)
+    assert {"safe wire", "goals mean commands"} <= violated(run(fault))

@@ -60,14 +60,20 @@ class EndsAsChosen(Invariant):
             for joint in self.joints:
                 if joint.name in driven & on:
                     self._examine_limit(joint)
-            whole = {joint for arm in self.stack.arms if driven >= set(arm.joints) for joint in arm.joints}
-            self._report("pressing", {joint for joint in whole & without_error if self._presses(joint)})
+            arms = [one for one in self.stack.arms if driven >= set(one.joints) and not self._has_failed(one.name)]
+            relieved = {joint for arm in arms for joint in arm.joints} & without_error
+            self._report("pressing", {joint for joint in relieved if self._presses(joint)})
             return
         reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - affected
         if not self._inactive:
             self.examined += len(reached)
             self._report("torque still enabled", on & reached)
         self._report("not parked", self._not_parked() & driven)
+
+    def _has_failed(self, controller: str) -> bool:
+        """Return whether a fault has made a trajectory controller fail, so that it can no longer relieve its joints."""
+        faults = (one for one in self.stack.player.happened if one.kind == "controller_raises")
+        return any(getattr(one, "controller", None) in (None, controller) for one in faults)
 
     def _settings_changed(self, joint: str) -> bool:
         """Return whether a fault may have changed the registers of a joint's servo, or prevented writes to them."""

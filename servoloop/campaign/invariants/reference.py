@@ -4,17 +4,21 @@ The files are read as plain YAML and XML. The files are not validated, because t
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 from xml.etree import ElementTree
 
 import yaml
 
 from drivers.servos.catalog import MODELS
 from servoloop.stack.robot_files import ServoFiles
+
+NO_JOINTS: Final = b"joints: {}"
+"""Content of a calibration file that does not exist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +79,10 @@ def read_reference(
     Returns:
         The joints, keyed by joint name.
     """
+    several = len(files.robot_paths) > 1
     contents = tuple(
-        (path.read_bytes(), calibration.read_bytes() if calibration.exists() else b"joints: {}")
-        for path in dict.fromkeys(files.robot_paths.values())
+        (block if several else "", path.read_bytes(), calibration.read_bytes() if calibration.exists() else NO_JOINTS)
+        for block, path in files.robot_paths.items()
         for calibration in (path.with_name(f"{path.stem}.calibration.yaml"),)
     )
     return _joints(files.description.xml, contents, tuple(narrowed.items()))
@@ -85,25 +90,41 @@ def read_reference(
 
 @lru_cache(maxsize=16)
 def _joints(
-    urdf: str, contents: Sequence[tuple[bytes, bytes]], narrowed: Sequence[tuple[str, tuple[float, float]]]
+    urdf: str, contents: Sequence[tuple[str, bytes, bytes]], narrowed: Sequence[tuple[str, tuple[float, float]]]
 ) -> dict[str, ReferenceJoint]:
     """Read the joints. Several invariants read the same files in each run of a campaign.
 
     Args:
         urdf: Text of the URDF.
-        contents: Contents of each robot file and its calibration file.
+        contents: Name of each component, and contents of its robot file and its calibration file. The name is empty if
+            there is only one component.
         narrowed: Joint names with the limits that replace the limits in the URDF.
     """
     limits, gears, replaced = _limits(urdf), _gears(urdf), dict(narrowed)
     joints: dict[str, ReferenceJoint] = {}
-    for robot_file, calibration_file in contents:
+    owned = _joints_of_components(urdf)
+    for component, robot_file, calibration_file in contents:
         robot, calibrated = _parsed(robot_file), _parsed(calibration_file)["joints"]
         first_bus = next(iter(robot.get("buses") or {"": None}))
         for name, entry in robot["joints"].items():
-            if name in limits:
+            if name in limits and name in owned.get(component, limits):
                 mounted = {"bus": first_bus, **entry, **calibrated.get(name, {}), **gears.get(name, {})}
+                mounted["bus"] = _bus(component, mounted["bus"])
                 joints[name] = _joint(name, mounted, (*replaced.get(name, limits[name][:2]), limits[name][2]))
     return joints
+
+
+def _bus(component: str, bus: str) -> str:
+    """Return the name of a bus. If there are several components, it begins with the name of the component."""
+    return re.sub("[^A-Za-z0-9_-]", "_", "-".join(filter(None, (component, bus))))
+
+
+def _joints_of_components(urdf: str) -> dict[str, set[str]]:
+    """Return the joints of each ``<ros2_control>`` block, keyed by the name of the block."""
+    return {
+        str(block.get("name")): {str(joint.get("name")) for joint in block.findall("joint")}
+        for block in ElementTree.fromstring(urdf).iter("ros2_control")
+    }
 
 
 def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, float]) -> ReferenceJoint:

@@ -192,6 +192,7 @@ class LimpIsFound(Invariant):
     """A servo whose torque is off is detected within half a second, because the next goal would enable its torque."""
 
     name = "limp joints are found"
+    promised = False
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)

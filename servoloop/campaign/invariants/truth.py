@@ -191,6 +191,12 @@ class GoalsMeanCommands(Invariant):
         """Number of cycles for which each joint of the arm has been at rest near its command."""
         self._without_goal = Counter[str]()
         """Number of cycles since each driven joint received a goal."""
+        self._without_goal_cycles = {
+            joint: CYCLES_WITHOUT_GOAL * component.cycles_per_update
+            for component in stack.loop.hardware.components
+            for joint in component.hardware.joints
+        }
+        """Maximum number of cycles without a goal, keyed by joint name."""
 
     def on_state(self, state: JointState) -> None:
         self._examine_rate(state)
@@ -227,7 +233,7 @@ class GoalsMeanCommands(Invariant):
         for joint in self.joints:
             driven = active and joint.name not in state.faults and self.torque(joint)
             self._without_goal[joint.name] = self._without_goal[joint.name] + 1 if driven else 0
-            if self._without_goal[joint.name] > CYCLES_WITHOUT_GOAL:
+            if self._without_goal[joint.name] > self._without_goal_cycles[joint.name]:
                 self.say(f"{joint.name} has received no goal for {self._without_goal[joint.name]} cycles")
 
     def _examine_lead(self, joint: str, true: float, speed: float) -> None:
