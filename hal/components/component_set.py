@@ -9,7 +9,7 @@ from drivers.clock import Clock
 from drivers.driver_errors import DriverError
 from hal.components.component import CONFIGURED, Component, components_of, merged_state
 from hal.components.leap_filter import LeapFilter
-from hal.hal_errors import PartLost
+from hal.hal_errors import HalError, PartLost
 from hal.hardware import AskedForTorque, DoubtingLeaps, Hardware, Requesting, outputs_of
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, Interface, JointCommand, JointLimits, JointState
@@ -192,7 +192,7 @@ class ComponentSet:
     def lose(self, component: Component, error: Exception) -> None:
         """Mark a component as lost, log the error and add the component to ``failures``."""
         if component.error is None:
-            defect = None if isinstance(error, DriverError) else error
+            defect = None if isinstance(error, DriverError | HalError) else error
             LOG.error("%s is lost: %s", component.name, error, exc_info=defect)
             component.error = error
             self.failures.append(component)

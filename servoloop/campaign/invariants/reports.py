@@ -131,7 +131,8 @@ class MeasuredNow(Invariant):
     """The reported position of a joint without a fault is a position that its servo has had since the last cycle.
 
     Reporting an older position, the position of another servo, or the command is a violation. Two servos with the same
-    ID are skipped, because it is unknown which of them replied.
+    ID are skipped, because it is unknown which of them replied. The position of a shaft past the seam of its encoder
+    may differ by a whole turn; "reported truly" compares it with the simulated world.
     """
 
     name = "measured now"
@@ -139,6 +140,7 @@ class MeasuredNow(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._shared_before = True
+        self._turns = [joint.model.counts_per_turn for joint in self.joints]
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
         servos = [self.servos[joint.name] for joint in self.joints]
         self._sample: Callable[[], Any] = lambda: [_own_count(servo) for servo in servos]
@@ -168,7 +170,8 @@ class MeasuredNow(Invariant):
             self.examined += 1
             counts = state.position[self._order[place]] / joint.units_per_count + joint.zero_counts
             lowest, highest = lowest_of[place], highest_of[place]
-            if not lowest - SAMPLED_COUNTS <= counts <= highest + SAMPLED_COUNTS:
+            beyond = (counts - turns * self._turns[place] for turns in (0, -1, 1))  # A shaft may be past its seam.
+            if not any(lowest - SAMPLED_COUNTS <= one <= highest + SAMPLED_COUNTS for one in beyond):
                 self.say(f"{joint.name} is reported at {counts:.0f}, but was between {lowest:.0f} and {highest:.0f}")
         self._steps, self._shared_before = self._steps[-1:], shared
 
