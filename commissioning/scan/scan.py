@@ -85,7 +85,8 @@ def scan(
         clock: Clock for all delays and timeouts.
         scope: Baud rates, IDs and makes to try.
         models: Expected model of each servo, keyed by ID. The scan searches for these IDs if the scope does not specify
-        any IDs. progress: Function that is called before each step and at the end.
+            any IDs.
+        progress: Function that is called before each step and at the end.
 
     Raises:
         PortLost: The port has disappeared.

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from commissioning.calibrate.plan import AUTO_PARTS
 from controller.manager.controllers_file import ControllersFile, load_controllers_file
 from controller.manager.parameter_file import read_parameter_file
 from controller.manager_errors import ControllersFileError
@@ -22,8 +23,6 @@ from servoloop.stack.robot_files import read_description
 from servoloop.stack.shipped_files import ARM_FILE
 
 INTERFACES: Final = ("position", "velocity", "effort")
-AUTO_PARTS: Final = ("start", "clear", "stops", "drive")
-"""Parts of the automatic calibration plan that list joints."""
 
 
 class _Check:

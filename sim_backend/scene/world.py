@@ -58,7 +58,8 @@ class World:
         Args:
             scene: The MuJoCo file; by default, this project's scene.
             initial_position: Joint positions in the order of `joints` (rad, m); by default, those of the keyframe
-            `rest` or `ready`. spread: Deviations of this arm from the scene.
+                `rest` or `ready`.
+            spread: Deviations of this arm from the scene.
             backlash: Free travel of joints relative to their motors (rad, m).
             apples: Random seed for the apples that replace the cube; None to use the cube.
         """
