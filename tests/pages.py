@@ -30,7 +30,7 @@ class Block:
     number: int
     text: str
     not_run: bool
-    """Whether the page states below the block that no test runs it, with a reason."""
+    """Whether a note below the block states that no test runs it, and why."""
 
     @property
     def name(self) -> str:

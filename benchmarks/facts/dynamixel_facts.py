@@ -150,7 +150,12 @@ def modes() -> Iterator[Fact]:
     )
     before = [bench.read(register) for register in reset]
     bench.write_all({**dict.fromkeys(reset, 7), x.operating_mode: CURRENT_POSITION})
-    yield Fact("modes", "a change resets gains, profile, limits", before, [bench.read(register) for register in reset])
+    yield Fact(
+        "modes",
+        "a change of the mode resets gains, profile and limits",
+        before,
+        [bench.read(register) for register in reset],
+    )
 
 
 def positions() -> Iterator[Fact]:

@@ -22,11 +22,10 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PRESSES: Final = 15.0
-"""Minimum distance from its command at which a joint at rest counts as pressing, in multiples of the still threshold.
-"""
+"""Minimum following error at which a joint at rest counts as pressing, in multiples of the still threshold."""
 CREEPS_SHARE: Final = 0.05
-"""Maximum motion of a joint that counts as at rest, as a fraction of its distance from the command. A blocked joint may
-slide slowly along its obstacle, but a free joint soon covers a larger part of the distance."""
+"""Maximum motion of a joint that counts as at rest, as a fraction of its following error. A blocked joint may slide
+slowly along its obstacle, but a free joint soon covers a larger part of the distance to its command."""
 LOOSE: Final = 5.0
 """Minimum motion that indicates that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
@@ -66,12 +65,12 @@ class Relief:
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
         self._free_error = np.full(len(joints), np.inf)
-        """Maximum distance from its command (n,) at which each joint counts as free; infinite for joints that have not
-        been found to be free."""
+        """Maximum following error (n,) at which each joint counts as free; infinite for joints that have not been found
+        to be free."""
         self._first_error = np.full(len(joints), np.inf)
-        """Distance of each joint from its command (n,) when the commands started to move back."""
+        """Following error (n,) when the commands started to move back."""
         self._least_error = np.full(len(joints), np.inf)
-        """Smallest distance of each joint from its command (n,) since the commands started to move back."""
+        """Smallest following error (n,) since the commands started to move back."""
         self._begun = False
         """Whether the commands are moving back."""
         self._from_command, self._from_position = np.zeros(len(joints)), np.zeros(len(joints))

@@ -46,7 +46,7 @@ class Turns:
         return servo_id in self._counts_per_turn
 
     def readings(self, readings: Mapping[int, Reading]) -> Mapping[int, Reading]:
-        """Return the readings without whole turns. An unconfirmed position may be outside a single turn."""
+        """Return the readings without whole turns. An unconfirmed position may be wrong by whole turns."""
         changed: dict[int, Reading] = {}
         for servo_id, turn in self._counts_per_turn.items():
             reading = readings.get(servo_id)

@@ -141,8 +141,12 @@ class Series:
         return replace(self.torque_enable, size=last.address + last.size - self.torque_enable.address)
 
     def drives(self, state: int, limit: int | None) -> bool:
-        """Return whether torque is enabled with this limit, given the value of ``torque_state``. If the limit is None,
-        any limit matches."""
+        """Return whether a servo has its torque enabled and uses this torque limit.
+
+        Args:
+            state: Value of ``torque_state``.
+            limit: Expected value of the torque limit. If None, any limit is accepted.
+        """
         behind = self.torque_state.size - 2  # offset of the two limit bytes, which come last
         return state & 0xFF == 1 and (behind < 0 or limit is None or state >> 8 * behind == limit)
 

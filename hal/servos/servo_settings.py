@@ -199,7 +199,7 @@ def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
         others = {name: value for name, value in held.items() if value != assumed[name]}
         LOG.warning(
             "%s (servo %d) has gains that differ from the factory settings, so the compensation is less accurate. "
-            "Set the gains in the robot file, for example to the present values: settings: %s",
+            "Set the gains in the robot file. To keep the present values, add 'settings: %s'",
             *(joint.name, joint.servo_id, str(others).replace("'", "")),
         )
 

@@ -43,7 +43,7 @@ class SortingJob:
     """ROS time of the first state of the job."""
     apple: SeenApple | None = None
     """Apple that started the job, which is the first apple with this grade after the previous job. The message with
-    this apple may arrive later than the first state of the job. A monitor that connected too late to receive this
+    this apple may arrive after the first state of the job. A monitor that connected too late to receive this
     message uses the values from the next image of the same apple."""
     phase: str = ""
     message: str = ""

@@ -178,7 +178,7 @@ class Session:
         except CommandError as error:
             self._refuse(message.id, error)
         except Exception:
-            LOG.exception("command socket: internal error in a message of %s", self.name)
+            LOG.exception("command socket: internal error while handling a message from %s", self.name)
             self._refuse(message.id, CommandError("internal", "internal error: the log of the stack has the details"))
         else:
             self.post({"id": message.id, "ok": True, **reply})

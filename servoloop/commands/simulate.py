@@ -108,7 +108,7 @@ def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption
 def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
     grades = tuple(grade.strip().upper() for grade in text.split(",") if grade.strip())
     if not grades or set(grades) - set(known):
-        raise DriverError(f"--job must list grades from {', '.join(known)}, such as {','.join(known)}, not {text!r}")
+        raise DriverError(f"--job {text!r}: expected grades separated by commas, such as {','.join(known)}")
     return grades
 
 

@@ -97,7 +97,7 @@ class ControllerNan(_OfController):
 
 
 class ControllerJumps(_OfController):
-    """The commands of a controller jump by ``by_rad``."""
+    """All commands of a controller are shifted by ``by_rad``, in rad."""
 
     kind: Literal["controller_jumps"] = "controller_jumps"
     HOW = "jumps"

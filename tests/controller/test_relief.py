@@ -17,7 +17,7 @@ from tests.controller.moveit_plans import off_line
 
 ELBOW = 1
 PRESSES_RAD = 0.02
-"""Minimum distance of a joint of this bench from its command at which it presses against an obstacle."""
+"""Minimum following error at which a joint on this bench counts as pressing against an obstacle, in rad."""
 
 
 def measured(bench: Bench) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Tests that every number in user files rejects booleans and implausible values."""
+"""Tests that every numeric field in user files rejects booleans and implausible values."""
 
 import math
 from collections.abc import Iterator

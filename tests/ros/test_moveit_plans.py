@@ -59,7 +59,7 @@ def message(points: Sequence[GoalPoint]) -> Any:
 
 
 def driven(client: TrajectoryClient, curve: Curve, scale: float = 1.0) -> FloatArray:
-    """Run a plan that must arrive, and return its references (k, 6) after the arm has come to rest."""
+    """Run a plan, check that it succeeds, and return the reference positions until the arm is at rest, shape (k, 6)."""
     first = len(client.states)
     status, code, text = client.outcome(client.send(goal_of(message(plan(curve, LIMITS, scale)))))
     assert (status, code) == (SUCCEEDED, 0) and text.startswith(REACHED), text

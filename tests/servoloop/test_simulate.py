@@ -136,7 +136,9 @@ def test_the_exit_status_is_1_if_a_cube_is_not_in_its_bin(monkeypatch: pytest.Mo
 def test_a_grade_that_the_arm_does_not_have_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, job: str
 ) -> None:
-    assert "--job must list grades from A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)
+    assert "expected grades separated by commas, such as A,B,C" in complaint(
+        capsys, monkeypatch, "simulate", "--job", job
+    )
 
 
 @pytest.mark.parametrize("option", ["--seconds=inf", "--seconds=2000000", "--seconds=nan", f"--seed={2**63}"])

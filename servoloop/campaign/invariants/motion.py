@@ -24,7 +24,7 @@ OVERSHOOT_RAD: Final = 0.1
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 PUSHED: Final = 0.5
-"""Minimum distance of a joint from its command at which the joint counts as pushed, in rad or m."""
+"""Minimum following error at which a joint counts as pushed, in rad or m."""
 PUSHED_CYCLES: Final = 5
 """Minimum number of cycles for which a joint must be far from its command to count as pushed."""
 SPRINGS_BACK_S: Final = 0.2

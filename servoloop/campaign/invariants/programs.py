@@ -23,7 +23,7 @@ LATE_CYCLES: Final = 3
 ANSWER_S: Final = 0.5
 """Maximum time until the stack replies to a message, in seconds."""
 KEPT: Final = 1e-3
-"""Maximum change of the command of a joint that a stream does not name, in rad or m."""
+"""Maximum change, in rad or m, of a joint's command if the stream does not name the joint."""
 
 
 class ProgramsAreInformed(Invariant):

@@ -40,8 +40,8 @@ to assume that the servo has released its torque."""
 UNCHANGING: Final = PASSING | {"jammed", "missed_instructions"}
 """Faults after which a servo works as before. Their end does not always show in its replies."""
 TAKEN_BACK_S: Final = 2.5
-"""Maximum time until a servo that responds again returns to the cycle, in seconds: late replies to many lost requests
-may arrive for two seconds, and then the servo's torque is checked."""
+"""Maximum time, in seconds, until a servo that responds again is included in the cycle. Late replies to lost requests
+may arrive for two seconds, and the servo's torque is checked after that."""
 SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a moving servo between two samples of its position, in counts."""
 LOSING: Final = "adapter_unplugged"

@@ -209,8 +209,8 @@ class NothingPresses(Invariant):
         """Whether the relief is complete. The commands of the arm must be constant, either for some time or since the
         command of another joint changed."""
         self._least_off: dict[str, float] = {}
-        """Smallest distance of each joint from its command since the relief was complete. A joint that something else
-        pushes away later does not count as pressing."""
+        """Smallest following error of each joint since the relief was complete. A joint that something else pushes away
+        later does not count as pressing."""
 
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s

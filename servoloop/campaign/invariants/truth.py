@@ -28,7 +28,7 @@ LOADED: Final = 0.15
 with a smaller holding effort may also have an offset against friction.
 """
 NEAR_COMMAND: Final = 0.05
-"""Maximum distance from its command at which a joint counts as free, in rad or m."""
+"""Maximum following error at which a joint counts as free, in rad or m."""
 CONTACT: Final = 0.5
 """Maximum effort of contacts and friction on a free joint, as a fraction of its holding effort."""
 BLOCKED_CYCLES: Final = 5
