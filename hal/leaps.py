@@ -133,17 +133,21 @@ class SeamCrossings:
         self._unconfirmed = dict.fromkeys(self._turn, 0)
         """Change of ``_missing`` according to the latest reading, if not confirmed yet."""
         self._seen: dict[str, _Seen] = {}
+        self._leapt: set[str] = set()
+        """Joints that are believed at the other end of their range, because they crossed the seam too fast to be
+        followed. They are not followed until they leap back."""
 
     def forget(self, names: Collection[str] | None = None) -> None:
         """Believe the next reading of these joints, or of all joints, within a single turn."""
         for name in self._turn if names is None else names & self._turn.keys():
             self._missing[name] = self._unconfirmed[name] = 0
             self._seen.pop(name, None)
+            self._leapt.discard(name)
 
     def counts(self, name: str, reading: int, now_s: float) -> int:
         """Return the counts of a reading, with the whole turns that it lacks."""
         turn = self._turn.get(name)
-        if turn is None:
+        if turn is None or name in self._leapt:
             return reading
         counts, seen = reading + self._missing[name], self._seen.get(name)
         crossed, before = 0, self._unconfirmed[name]
@@ -158,5 +162,10 @@ class SeamCrossings:
 
     def believed(self, name: str, counts: int, now_s: float) -> None:
         """Note a position that is plausible."""
-        if name in self._turn:
-            self._seen[name] = _Seen(counts, now_s)
+        if name not in self._turn:
+            return
+        seen = self._seen.get(name)
+        if seen is not None and abs(counts - seen.counts) > self._turn[name] // 2:
+            self._leapt ^= {name}
+            self._missing[name] = self._unconfirmed[name] = 0
+        self._seen[name] = _Seen(counts, now_s)

@@ -629,3 +629,19 @@ def test_the_goal_of_a_joint_pushed_over_the_seam_does_not_move(start: int, limi
         bench.cycle(at(limit))
         assert bench.held(1, sts.goal_position) == goal
     assert shaft(bench) == pytest.approx(before, abs=20)
+
+
+def test_a_joint_that_is_thrown_over_the_seam_and_back_is_believed_where_it_is() -> None:
+    """The joint crosses the seam too fast to be followed, and returns slowly."""
+    roll = Joint("roll", 1, sts.STS3215, JointLimits(-3.14, 3.14, 4.0, 12.0, 120.0))
+    bench = Bench(counts=[300], joints=(roll,)).active()
+    here = at(roll.position(300))
+    bench.cycle(here)
+    bench.plant.load_nm[0] = -40.0
+    while shaft(bench) > -150.0:
+        bench.cycle(here)
+    bench.plant.load_nm[0] = 0.0
+    for _ in range(40):
+        state = bench.cycle(here)
+    assert state.position[0] == pytest.approx(here[0], abs=0.1)
+    assert bench.held(1, sts.goal_position) == 300
