@@ -117,8 +117,9 @@ class _Seen(NamedTuple):
 class SeamCrossings:
     """Whole turns that the readings of servos lack because their shafts were pushed over the seam of the encoder.
 
-    A second reading must confirm each crossing. A joint whose range contains the seam is not followed, because the
-    servo counts its turns in the range.
+    A second reading must confirm each crossing. A joint that moved too fast to be followed is not followed again before
+    its next activation. A joint whose range contains the seam is not followed, because the servo counts its turns in
+    the range.
     """
 
     def __init__(self, joints: Sequence[Joint]) -> None:
@@ -134,8 +135,8 @@ class SeamCrossings:
         """Change of ``_missing`` according to the latest reading, if not confirmed yet."""
         self._seen: dict[str, _Seen] = {}
         self._leapt: set[str] = set()
-        """Joints that are believed at the other end of their range, because they crossed the seam too fast to be
-        followed. They are not followed until they leap back."""
+        """Joints whose position has leapt since their activation. Their turn is not certain, so their readings are
+        believed within a single turn."""
 
     def forget(self, names: Collection[str] | None = None) -> None:
         """Believe the next reading of these joints, or of all joints, within a single turn."""
@@ -145,15 +146,15 @@ class SeamCrossings:
             self._leapt.discard(name)
 
     def counts(self, name: str, reading: int, now_s: float) -> int:
-        """Return the counts of a reading, with the whole turns that it lacks."""
-        turn = self._turn.get(name)
-        if turn is None or name in self._leapt:
+        """Return the counts of a reading, with the whole turns that it lacks. A leap is returned as it was read."""
+        seen = self._seen.get(name)
+        if seen is None or now_s - seen.at_s > LONGEST_S or name in self._leapt:
             return reading
-        counts, seen = reading + self._missing[name], self._seen.get(name)
-        crossed, before = 0, self._unconfirmed[name]
-        if seen is not None and now_s - seen.at_s <= LONGEST_S:
-            moved = round(math.remainder(counts - seen.counts, turn))
-            crossed = seen.counts + moved - counts if abs(moved) <= CROSSES * turn else 0
+        turn, counts = self._turn[name], reading + self._missing[name]
+        moved = round(math.remainder(counts - seen.counts, turn))
+        if abs(moved) > CROSSES * turn:
+            return reading
+        crossed, before = seen.counts + moved - counts, self._unconfirmed[name]
         self._unconfirmed[name] = 0 if crossed == before else crossed
         if crossed and crossed == before:
             self._missing[name] += crossed
@@ -165,7 +166,7 @@ class SeamCrossings:
         if name not in self._turn:
             return
         seen = self._seen.get(name)
-        if seen is not None and abs(counts - seen.counts) > self._turn[name] // 2:
-            self._leapt ^= {name}
+        if seen is not None and abs(counts - seen.counts) > CROSSES * self._turn[name]:
+            self._leapt.add(name)
             self._missing[name] = self._unconfirmed[name] = 0
         self._seen[name] = _Seen(counts, now_s)

@@ -45,7 +45,7 @@ class EmptyRobot:
             self._now_s += CYCLE_S
             nothing = np.empty(0)
             states = JointStates(self._now_s, (), nothing, nothing, nothing)
-            self.publisher.publish(states, time_message(self._now_s))
+            self.publisher.publish([states], time_message(self._now_s))
 
 
 @pytest.fixture
