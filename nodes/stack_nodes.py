@@ -46,9 +46,8 @@ class StackNodes:
         self._pending = PendingRequests()
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
-        with (
-            rcl_errors()
-        ):  # All names have been checked, so if this node can be created, the others can be created too.
+        # All names have been checked, so if this node can be created, the others can be created too.
+        with rcl_errors():
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         self._executor = executor_of(self._manager.node, self._turn)
         HardwareServices(self._manager.node, stack, self._pending)

@@ -250,34 +250,28 @@ def test_a_robot_with_two_components_is_examined_as_well(tmp_path: Path, monkeyp
     assert "goals mean commands" in violated(run_schedule(files, {"": JobSettings()}, schedule))
 
 
-def test_a_component_that_is_lost_without_a_fault() -> None:
-    def lost(stack: FaultyStack) -> None:
-        receive, cycles = stack.hardware.read, count()
+@pytest.mark.parametrize(
+    ("error", "invariant", "text"),
+    [
+        (PortLost("the port is lost"), "silent servo is reported", "was never unplugged"),
+        (KeyError("joint"), "no crash", "KeyError('joint')"),
+    ],
+)
+def test_an_error_that_the_stack_survives_is_reported(error: Exception, invariant: str, text: str) -> None:
+    """A component is lost without a fault, or because of an internal error."""
 
-        def wrong() -> JointState:
-            if next(cycles) > 20:
-                raise PortLost("the port is lost")
-            return receive()
-
-        stack.hardware.read = wrong  # type: ignore[method-assign]
-
-    (violation,) = run(prepare=lost).violations
-    assert violation.invariant == "silent servo is reported" and "was never unplugged" in violation.text
-
-
-def test_an_internal_error_that_the_stack_survives_is_a_crash() -> None:
-    def broken(stack: FaultyStack) -> None:
+    def failing(stack: FaultyStack) -> None:
         read, cycles = stack.hardware.read, count()
 
         def wrong() -> JointState:
             if next(cycles) > 20:
-                raise KeyError("joint")
+                raise error
             return read()
 
         stack.hardware.read = wrong  # type: ignore[method-assign]
 
-    texts = {one.invariant: one.text for one in run(prepare=broken).violations}
-    assert "KeyError('joint')" in texts["no crash"]
+    texts = {one.invariant: one.text for one in run(prepare=failing).violations}
+    assert text in texts[invariant]
 
 
 @pytest.mark.parametrize(
