@@ -162,7 +162,7 @@ def main() -> None:
         believed, wrong = flood(kind, noise)
         took_s = time.perf_counter() - begin_s
         counts = f"{believed} frames, of which {wrong} are wrong"
-        print(f"{name}: {arguments.bytes} bytes in {len(noise)} pieces, {took_s:.1f} s: {counts}")
+        print(f"{name}: decoded {arguments.bytes} bytes in {len(noise)} chunks in {took_s:.1f} s: {counts}")
         all_wrong += wrong
     raise SystemExit(1 if all_wrong else 0)
 

@@ -144,9 +144,9 @@ def show(console: Console, figures: SpeedFigures) -> None:
     """Print the results."""
     table = Table("", "times real time", title="simulation on one core")
     table.add_row("world alone", f"{figures.world:.0f}")
-    table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")
+    table.add_row("world with servos, without driver and controllers", f"{figures.servos:.0f}")
     table.add_row("whole stack, from controllers to bytes and physics", f"{figures.stack:.0f}")
-    table.add_row("the same stack on the arm in MuJoCo, without servos and bus", f"{figures.without_a_wire:.0f}")
+    table.add_row("whole stack with the arm in MuJoCo, without servos and bus", f"{figures.without_a_wire:.0f}")
     console.print(table)
     shares = Table("whole stack", "fraction of its time")
     for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):

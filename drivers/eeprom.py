@@ -68,8 +68,8 @@ class Eeprom:
     changes: list[Change] = field(default_factory=list)
     _touched: bool = False
     _becoming: tuple[Register, int] | None = None
-    """ID register and new ID while the ID is being written. If this write is interrupted, the servo may have either
-    ID."""
+    """ID register and new ID while a new ID is being written; otherwise None. If this write is interrupted, the servo
+    may have either ID."""
 
     def read(self, register: Register) -> int:
         """Read a setting."""

@@ -34,7 +34,7 @@ class Group:
         """Return the positions of a named state, keyed by joint name, in rad or m. Raises PlanningError."""
         if name not in self.states:
             known = f"choose one of {', '.join(self.states)}" if self.states else "the group has no named states"
-            raise PlanningError("INVALID_GOAL_CONSTRAINTS", f"the group {self.name} has no state {name}: {known}")
+            raise PlanningError("INVALID_GOAL_CONSTRAINTS", f"the group {self.name} has no state named {name}: {known}")
         return self.states[name]
 
 
@@ -116,10 +116,10 @@ def _check_states(description: Description, driven: Sequence[str], states: State
         for name, position in positions.items():
             if name not in driven:
                 raise PlanningError(
-                    "INVALID_ROBOT_STATE", f"state {state}: joint {name} is not driven: choose from {', '.join(driven)}"
+                    "INVALID_ROBOT_STATE", f"in state {state}, {name} is not driven: choose from {', '.join(driven)}"
                 )
             if problem := outside(description.joints[name], position):
-                raise PlanningError("INVALID_ROBOT_STATE", f"state {state}: {problem}: correct the position")
+                raise PlanningError("INVALID_ROBOT_STATE", f"in state {state}, {problem}: correct the position")
 
 
 def outside(joint: UrdfJoint, position: float) -> str:

@@ -111,7 +111,7 @@ def errors() -> Iterator[Fact]:
         )
     bench = FactBench(x.XL430_W250)
     bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE)
-    yield Fact("errors", "extended goal 1048576", DATA_RANGE, bench.write(x.goal_position, 1_048_576))
+    yield Fact("errors", "goal 1048576 in extended position mode", DATA_RANGE, bench.write(x.goal_position, 1_048_576))
     bench = FactBench(x.XM430_W350)
     bench.write_all({x.velocity_limit: 100, x.current_limit: 500, x.max_position_limit: 3000})
     for register, value in ((x.goal_velocity, 101), (x.goal_current, 501), (x.goal_position, 3001)):
@@ -162,14 +162,14 @@ def positions() -> Iterator[Fact]:
     """Yield facts about turns, homing offsets and reverse mode."""
     bench = FactBench(x.XL430_W250)
     bench.turn(2 * TURN + 300)
-    yield Fact("positions", "limp, two turns by hand", 2, bench.read(x.present_position) // TURN)
+    yield Fact("positions", "turns of a limp servo after two turns by hand", 2, bench.read(x.present_position) // TURN)
     bench.write(x.torque_enable, 1)
-    yield Fact("positions", "  torque on in mode 3: turns", 0, bench.read(x.present_position) // TURN)
+    yield Fact("positions", "  turns after torque is enabled in mode 3", 0, bench.read(x.present_position) // TURN)
     bench = FactBench(x.XL430_W250)
     bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE)
     bench.turn(2 * TURN)
     bench.servo.power_cycle()
-    yield Fact("positions", "mode 4, restart: turns", 0, bench.read(x.present_position) // TURN)
+    yield Fact("positions", "mode 4: turns after a restart", 0, bench.read(x.present_position) // TURN)
     for offset, added in ((1024, 1024), (1025, 0), (-1025, 0)):
         bench = FactBench(x.XL430_W250)
         before = bench.read(x.present_position)
@@ -184,7 +184,7 @@ def positions() -> Iterator[Fact]:
     bench.write(x.drive_mode, x.REVERSE)
     before = bench.read(x.present_position)
     bench.write(x.homing_offset, 200)
-    yield Fact("positions", "reverse, offset 200: adds", 200, bench.read(x.present_position) - before)
+    yield Fact("positions", "reverse mode: counts added by offset 200", 200, bench.read(x.present_position) - before)
 
 
 def profiles() -> Iterator[Fact]:
@@ -197,9 +197,9 @@ def profiles() -> Iterator[Fact]:
     bench.write_all({x.drive_mode: x.TIME_BASED_PROFILE, x.profile_velocity: 800, x.profile_acceleration: 200})
     bench.write_all({x.torque_enable: 1, x.goal_position: 2848})
     bench.wait(0.4)
-    yield Fact("profiles", "time-based: half of the way at half time", 2448.0, float(bench.read(x.position_trajectory)))
+    yield Fact("profiles", "time-based: half the path at half time", 2448.0, float(bench.read(x.position_trajectory)))
     bench.wait(0.41)
-    yield Fact("profiles", "time-based: at the goal in time", 2848, bench.read(x.position_trajectory))
+    yield Fact("profiles", "time-based: at the goal after the whole time", 2848, bench.read(x.position_trajectory))
     for velocity, acceleration, kind in ((0, 0, 0), (30, 0, 1), (500, 5, 2), (30, 2000, 3)):
         bench = FactBench(x.XL430_W250)
         bench.write_all({x.profile_acceleration: acceleration, x.profile_velocity: velocity, x.torque_enable: 1})
@@ -237,12 +237,12 @@ def bus() -> Iterator[Fact]:
             "bus", f"V{firmware}: homing offset after a broadcast factory reset", kept, bench.read(x.homing_offset)
         )
     clear = FactBench(x.XL430_W250).send(Code.CLEAR, b"\x01\x44\x58\x4c\x22", 1)
-    yield Fact("bus", "clear is answered without error", [(1, 0)], clear)
+    yield Fact("bus", "clear instruction: reply without an error", [(1, 0)], clear)
     bench = FactBench(x.XL430_W250)
     bench.write_all({x.torque_enable: 1, x.bus_watchdog: 5})
     bench.wait(0.2)
     yield Fact("bus", "watchdog: register", 255, bench.read(x.bus_watchdog))
-    yield Fact("bus", "watchdog: goals refused", DATA_RANGE, bench.write(x.goal_position, 2048))
+    yield Fact("bus", "watchdog: error for a goal", DATA_RANGE, bench.write(x.goal_position, 2048))
     yield Fact("bus", "watchdog: cleared by 0", [0, 0], bench.write_all({x.bus_watchdog: 0, x.goal_position: 2048}))
 
 

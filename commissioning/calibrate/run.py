@@ -52,7 +52,7 @@ def _there_and_back(arm: SlowArm, index: int) -> None:
     if abs(moved - way) > OFF_SHARE * abs(way):
         raise CalibrationError(
             f"{joint.name} (servo {joint.servo_id}) should have moved by {way:+.3f}, but it moved by {moved:+.3f}. "
-            "Check whether something is in its way or it is at a stop. Otherwise its calibration may be wrong"
+            "Check whether something is in its way or the joint is at a stop. If not, its calibration may be wrong"
         )
 
 

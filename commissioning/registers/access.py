@@ -40,14 +40,14 @@ def enable_torque_in_place(servo: FoundServo) -> None:
         raise CommissioningError(f"{state.text}: its torque stays disabled")
     if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
         raise CommissioningError(
-            f"servo {servo_id}: its position {state.position_counts} includes full turns, which the servo discards "
-            f"when its torque is enabled. Restart it first with 'servoloop reboot {servo_id}'"
+            f"servo {servo_id}: its position {state.position_counts} includes full turns, which are lost "
+            f"when its torque is enabled. Restart the servo first with 'servoloop reboot {servo_id}'"
         )
     limits = bus.position_limits(servo_id)
     if limits and not limits[0] <= state.position_counts <= limits[1]:
         raise CommissioningError(
             f"servo {servo_id}: its position {state.position_counts} is outside its limits {limits[0]} to "
-            f"{limits[1]}, so it would jump to the nearer limit. Turn it into this range by hand first"
+            f"{limits[1]}, so the servo would jump to the nearer limit. Turn its shaft into this range by hand first"
         )
     retry_often(partial(bus.write, servo_id, series.goal_position, state.position_counts))
     bus.torque_on(servo_id)

@@ -52,9 +52,9 @@ class SpeedScaling:
     def _room(self, reference: Kinematics, step_s: float) -> float:
         """Return the rate (1/s) at which the factor may change within the acceleration limits.
 
-        A change of the factor accelerates the joints by their velocity times this rate, in addition to the path's own
-        acceleration. The rate is never 0, so that even a path at its acceleration limit can be paused. (Linear splines
-        in ros2_control have unlimited velocity steps anyway.)
+        When the factor changes at this rate, each joint accelerates by its velocity times the rate, in addition to the
+        path's own acceleration. The rate is never 0, so that even a path at its acceleration limit can be paused.
+        (Linear splines in ros2_control have unlimited velocity steps anyway.)
         """
         direction = math.copysign(1.0, self.asked - self.factor) * np.sign(reference.velocity)
         own = reference.acceleration * self.factor**2 * direction

@@ -83,7 +83,7 @@ class Slowing:
 
     @property
     def asked_s(self) -> float:
-        """Requested duration, equal to the actual duration because no client requests a duration for a stop."""
+        """Requested duration, in seconds. No client requests a duration for a stop, so this is the actual duration."""
         return self.duration_s
 
     def on_path(self, time_s: float) -> tuple[float, float, float]:

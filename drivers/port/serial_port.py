@@ -233,7 +233,7 @@ def _check_rate(device: str, fd: int, baud: int) -> None:
     if actual and abs(actual - baud) > TOLERATED_RATE * baud:
         raise PortError(
             f"{device} runs at {actual} baud instead of {baud}, which its adapter does not support: "
-            "set the servos and the robot file to a rate that it supports"
+            "set the servos and the robot file to a rate that the adapter supports"
         )
 
 

@@ -69,7 +69,7 @@ def _joint(element: Element, subject: str, joints: Collection[str], interfaces: 
     outputs = [command.get("name") for command in element.findall("command_interface")]
     if unknown := [name for name in interfaces if name not in (*SERVO_VALUES, *SERVO_INPUTS, *outputs)]:
         raise DescriptionError(
-            f"{subject} has the state interface {', '.join(unknown)} ({where}), but the servo of {joint} reports "
-            f"{', '.join((*SERVO_VALUES, *SERVO_INPUTS))} and the outputs of the <gpio>: use one of these interfaces"
+            f"{subject} has the state interface {', '.join(unknown)} ({where}), but the servo of {joint} reports only "
+            f"{', '.join((*SERVO_VALUES, *SERVO_INPUTS))} and the outputs of the <gpio>: use one of them"
         )
     return joint

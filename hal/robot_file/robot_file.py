@@ -229,7 +229,7 @@ def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name}: an {joint.model} has no extended position mode: remove `extended`")
     if joint.firmware is not None and series_of(model) is not X:
         problems.append(
-            f"{name} has firmware, but only a virtual Dynamixel X has a choice of versions: remove firmware"
+            f"{name} has firmware, but the firmware version can be set only for a virtual Dynamixel X: remove firmware"
         )
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems

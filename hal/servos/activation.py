@@ -26,7 +26,7 @@ AGREE_COUNTS: Final = 3
 """Maximum difference between two readings that is always attributed to encoder noise, in counts."""
 FRESH_S: Final = 0.1
 """Maximum age of a measurement at the time torque is enabled, in seconds. An older measurement is repeated, because a
-limp joint may have sunk.
+limp joint may have dropped in the meantime.
 """
 
 
@@ -88,7 +88,7 @@ class Activation:
             for joint in self._joints:
                 self._setup.limit_torque(joint)
                 self._setup.prepare_torque(joint)
-            self._take_fresh_goals(self._joints)  # a limp arm may have sunk in the meantime
+            self._take_fresh_goals(self._joints)  # a limp arm may have dropped in the meantime
             self._hold_goals()
             for joint in self._joints:
                 self._torque_on(joint)
@@ -214,7 +214,7 @@ class Activation:
 
         Writing and reading are repeated if a packet was lost. Most servos enable torque when they receive a goal, so
         the goals must be recent. Limp joints are measured again even if their goals agree. A servo that was reset uses
-        its position at the restart as its goal, and its joint may have sunk since then.
+        its position at the restart as its goal, and its joint may have dropped since then.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})

@@ -12,9 +12,9 @@ from hal.servos.servo_setup import ServoSetup
 
 LOG = logging.getLogger("servoloop.hal")
 SOFT_SHARE: Final = 0.7
-"""Fraction of each joint's torque limit that remains available while the arm is soft. At most half of the limit is
-needed to support the weight, and the rest is for holding. Even if a servo does not respond and does not yield, the user
-can still move the joint by hand.
+"""Fraction of each joint's torque limit that remains available while the arm is soft. Supporting the arm's weight takes
+at most half of the full limit. The rest of the reduced limit holds the joint's position. Even if a servo does not
+respond and does not yield, the user can still move the joint by hand.
 """
 
 

@@ -124,7 +124,7 @@ class TimingClient:
         return future.result()
 
     def _until(self, done: Callable[[], bool], patience_s: float, late: str) -> None:
-        """Serve callbacks until ``done`` returns True. Raises DriverError; ``late`` is its message after a timeout."""
+        """Spin until ``done`` returns True. Raises DriverError, after a timeout with the message ``late``."""
         end_s = time.perf_counter() + patience_s
         while not done():
             if self._stop():

@@ -140,5 +140,5 @@ class PositionGripperNode(GripperNode):
 def _only(values: Any) -> float:
     """Return the value of an optional single-value field, or 0 if the field is empty."""
     if len(values) > 1:
-        raise ValueError(f"the goal has {len(values)} velocities or efforts for one joint: send at most one of each")
+        raise ValueError(f"the goal has {len(values)} values for velocity or effort: send at most one value for each")
     return float(values[0]) if len(values) else 0.0

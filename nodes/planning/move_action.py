@@ -139,7 +139,7 @@ class MoveActions:
     def _on_goal(self, name: str, _: Any) -> GoalResponse:
         if not self._is_closed:
             return GoalResponse.ACCEPT
-        self._log.warning(f"a goal of {name} was rejected, because the planning server exits")
+        self._log.warning(f"a goal of {name} was rejected, because the planning server is shutting down")
         return GoalResponse.REJECT
 
     def _on_accepted(self, handle: Any) -> None:

@@ -77,10 +77,12 @@ def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: C
             executor.create_task(stop, failures[0])
 
     server = MoveGroupNode(node, robot, routes, on_other)
-    on_stop_signal(lambda: executor.create_task(stop, "the planning server exits"), ARM_CONTINUES)
+    on_stop_signal(lambda: executor.create_task(stop, "the planning server is shutting down"), ARM_CONTINUES)
     try:
         ready()
-        spin_until_stopped(executor, stopped, lambda: stop("the planning server exits because of an internal error"))
+        spin_until_stopped(
+            executor, stopped, lambda: stop("the planning server is shutting down because of an internal error")
+        )
     finally:
         with exit_watchdog():
             executor.shutdown(timeout_sec=1.0)

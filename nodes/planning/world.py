@@ -33,7 +33,7 @@ class PlanningWorld:
         return [*robot.links, *kept, *self.scene.objects, *self.scene.attached]
 
     def settled(self, robot: PlanningRobot) -> "PlanningWorld":
-        """Return a copy of this world with the pairs that may touch according to the matrix in a message."""
+        """Return a copy of this world in which the pairs permitted by ``allowed`` may touch."""
         return replace(self, scene=replace(self.scene, allowed=self.allowed.touching(self.names(robot))))
 
 
@@ -60,7 +60,7 @@ def first_world(robot: PlanningRobot) -> PlanningWorld:
 
 
 def message_of(robot: PlanningRobot, item: SceneObject) -> CollisionObject:
-    """Return a message for an object without meshes, in the planning frame."""
+    """Convert an object without meshes to a CollisionObject message in the planning frame."""
     message = CollisionObject(header=Header(frame_id=robot.frame), id=item.name)
     message.pose = pose_message(robot.origin.inverse() @ item.pose)
     add_shapes(message, item.shapes)

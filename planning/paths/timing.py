@@ -143,8 +143,8 @@ def timed(
 def _along(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
 ) -> tuple[TimedPath, list[FloatArray | None]]:
-    """Return a trajectory along a path with these inner corners, and the maximum distance of each joint from each chord
-    (n,)."""
+    """Return a trajectory along a path with these inner corners. Also return, for each chord between two points of the
+    trajectory, the maximum distance of each joint (n,) from the chord, or None for a line."""
     lines, lengths, caps = _lines(path, corners, limits)
     speeds = _speeds(corners, lengths, caps, limits)
     pieces = _pieces(corners, speeds, lengths, caps)
@@ -195,7 +195,7 @@ def _pieces(
 def _sag(
     corners: Sequence[Corner], speeds: Sequence[float], pieces: Sequence[_Piece], lasts_s: float
 ) -> FloatArray | None:
-    """Return the maximum distance of each joint (n,) from a chord over these segments. Returns None for a line."""
+    """Return the maximum distance of each joint (n,) from a chord over these segments, or None for a line."""
     blends = [piece.number for piece in pieces if piece.ramp is None]
     if not blends:
         return None

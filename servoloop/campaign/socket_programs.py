@@ -38,7 +38,7 @@ class ConnectedPrograms:
         return "" if self.owner in open_names else self.owner
 
     def carry_out(self, act: SocketAct) -> None:
-        """Let the program of a connection perform an action. A program that has died is restarted."""
+        """Make the program on the action's connection perform the action. Restart a dead program first."""
         program = self._programs.get(act.connection)
         if program is None or not program.open:
             self._programs[act.connection] = program = SocketProgram(act.connection, self.served)

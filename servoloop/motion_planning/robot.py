@@ -148,7 +148,7 @@ def _possible(files: Files, path: Path, poses: States) -> States:
         problems = [text for joint, at in driven.items() if (text := outside(files.description.joints[joint], at))]
         if problems:
             text = "; ".join(problems)
-            LOG.warning("%s: pose %s is not available for planning: %s: correct the position", path, name, text)
+            LOG.warning("%s: pose %s is not available for planning, because %s: correct the position", path, name, text)
         else:
             states[name] = driven
     return states

@@ -184,7 +184,8 @@ def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, Fl
 
 
 def _table(level: float, pits: Sequence[Pit]) -> list[CollisionShape]:
-    """Return boxes that form the table including its pits. Boxes that are adjacent along x are merged."""
+    """Return boxes that form the table, whose surface is lowered at the pits. Boxes of the same height that are
+    adjacent along x are merged."""
     xs = _edges(edge for pit in pits for edge in (pit.x_from, pit.x_to))
     ys = _edges(edge for pit in pits for edge in (pit.y_from, pit.y_to))
     bottom = level - max([TABLE_M, *(pit.depth + ROOM_M for pit in pits)])

@@ -30,7 +30,7 @@ def parse_factor(text: str) -> float:
     except ValueError:
         factor = 0.0
     if not factor > 0.0:
-        raise DriverError(f"--rtf must be a factor above 0, such as 0.5 or 5, or max, not {text!r}")
+        raise DriverError(f"--rtf must be max or a factor above 0, such as 0.5 or 5, not {text!r}")
     return factor
 
 

@@ -174,7 +174,7 @@ class StackFaults:
             client_dies: Function that removes the client.
         """
         self.answers: list[str | None] = []
-        """Reason for rejecting each invalid goal, or None if the goal was accepted."""
+        """One entry for each invalid goal: the reason for its rejection, or None if the goal was accepted."""
         self._clock, self._controllers, self._arm, self._client_dies = clock, controllers, arm, client_dies
 
     @property

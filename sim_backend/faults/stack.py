@@ -97,7 +97,7 @@ class ControllerNan(_OfController):
 
 
 class ControllerJumps(_OfController):
-    """All commands of a controller are shifted by ``by_rad``, in rad."""
+    """An offset ``by_rad``, in rad, is added to each command of a controller."""
 
     kind: Literal["controller_jumps"] = "controller_jumps"
     HOW = "jumps"

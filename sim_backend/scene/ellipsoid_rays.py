@@ -10,9 +10,9 @@ from sim_backend.scene.ray_types import FloatArray, GeomView, RayHits
 
 @compiled
 def cast_ellipsoid(radii: FloatArray, view: GeomView, hits: RayHits) -> None:
-    """Store the rays whose first hit is on one ellipsoid, with ``radii`` (3,) in meters.
+    """Store each ray's hit on one ellipsoid if it is nearer than the hit stored so far.
 
-    In units of the radii, the ellipsoid is a unit sphere.
+    The ellipsoid has ``radii`` (3,), in meters. In units of these radii, it is a unit sphere.
     """
     number, axes, away, origin, beside = view
     rays, geom, nearest, normal = hits

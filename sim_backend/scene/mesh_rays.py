@@ -62,7 +62,7 @@ def mesh_parts(model: Any, mesh: int) -> MeshParts:
 
 @compiled
 def cast_mesh(parts: MeshParts, view: GeomView, hits: RayHits) -> None:
-    """Store the rays whose first hit is on one mesh."""
+    """Store each ray's hit on one mesh if it is nearer than the hit stored so far."""
     number, axes, away, origin, beside = view
     rays, geom, nearest, normal = hits
     x, y, z = away

@@ -74,7 +74,8 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
 
 @compiled
 def _cast_solid(half: FloatArray, radius: float, view: GeomView, hits: RayHits) -> None:
-    """Store the rays whose first hit is on one box or cylinder, or on a plane, which has no bounding sphere."""
+    """Store each ray's hit on one box, cylinder or plane if it is nearer than the hit stored so far. A
+    plane has no bounding sphere."""
     number, axes, away, origin, beside = view
     rays, geom, nearest, normal = hits
     x, y, z = away

@@ -38,7 +38,8 @@ REST: Final = "rest"
 """Keyframe with the pose in which a limp arm is at rest. If this keyframe is missing, the arm starts in the ready
 pose."""
 JAMMED_KG_M2: Final = 1e8
-"""Inertia of blocked gears. With this value, no motion is noticeable, but MuJoCo can still solve the equations."""
+"""Inertia of blocked gears. This value is large enough to prevent any noticeable motion, and small enough for MuJoCo to
+solve the equations."""
 
 
 class World:

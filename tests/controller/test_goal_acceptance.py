@@ -273,8 +273,7 @@ def test_the_reason_shows_the_difference(value: float, shown: str) -> None:
 
 
 def from_where(stands: float, position: float) -> str | None:
-    """Return the reason why a point at ``position`` is rejected for joint1 at its current position. Its lower limit is
-    -2."""
+    """Return the reason for rejecting a point at ``position`` if joint1, whose lower limit is -2, is at ``stands``."""
     return limits_reason(goal(point((position, 0.0))), JOINTS, LIMITS, [np.array((stands, 0.0))])
 
 

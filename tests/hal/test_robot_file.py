@@ -261,7 +261,7 @@ def test_a_virtual_dynamixel_has_the_firmware_that_the_file_names(tmp_path: Path
         (GOOD.replace("servo_id: 1,", "servo_id: 1, position_p: 32,"), "elbow has position_p, but only Dynamixel"),
         (
             GOOD.replace("servo_id: 1,", "servo_id: 1, firmware: 44,"),
-            "elbow has firmware, but only a virtual Dynamixel",
+            "elbow has firmware, but the firmware version can be set only for a virtual Dynamixel",
         ),
     ],
 )

@@ -47,7 +47,7 @@ def test_values_of_a_servo_are_reported_under_the_name_of_the_sensor(tmp_path: P
         (f'<gpio name="a"><param name="joint">knee</param>{VALUES}</gpio>', "refers to joint 'knee', which is not in"),
         (
             '<gpio name="a"><param name="joint">gripper</param><state_interface name="mood"/></gpio>',
-            "state interface mood .*, but the servo of gripper reports voltage, temperature, current, load, alarms",
+            "state interface mood .*, but the servo of gripper reports only voltage, temperature, current, load",
         ),
         (f'<gpio name="a">{VALUES}{VALUES}</gpio>', "<state_interface name='voltage'> twice"),
         (f'<gpio name="a">{VALUES}</gpio>', r"the sensor a \(.*line \d+\) has no source: specify a joint"),

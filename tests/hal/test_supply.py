@@ -130,7 +130,7 @@ def test_messages_about_voltages(model: ServoModel, voltage_v: float, kind: str 
 
 
 def fed(voltage_v: float, seconds: float, then_s: float = 0.0) -> FaultRig:
-    """Run an SO-101 whose supply voltage changes for some time."""
+    """Run an SO-101 with a supply of ``voltage_v`` for ``seconds``, and then with a normal supply for ``then_s``."""
     rig = FaultRig("so101")
     rig.up()
     rig.play(parse(f"weak_supply voltage={voltage_v} for={seconds}s"))

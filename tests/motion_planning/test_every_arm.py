@@ -46,8 +46,8 @@ def test_a_park_pose_of_some_joints_is_not_a_state(tmp_path: Path) -> None:
     [
         (
             "poses:\n  home: {shoulder_pan: 0.1}\n  far: {shoulder_pan: 2.5, elbow_flex: 0.0}\n",
-            "poses.yaml: pose far is not available for planning: shoulder_pan is at 2.5, outside its limits -1.91986 "
-            "to 1.91986: correct the position",
+            "poses.yaml: pose far is not available for planning, because shoulder_pan is at 2.5, outside its limits "
+            "-1.91986 to 1.91986: correct the position",
         ),
         ("poses: {home: [1, 2]}\n", "the saved poses are not available for planning: "),
     ],

@@ -63,7 +63,7 @@ def test_an_arm_without_a_hand_has_one_group() -> None:
         (("elbow",), "link1", {}, "INVALID_ROBOT_STATE", "the URDF has no joint elbow: choose from joint1, joint2"),
         (ARM, "hand", {}, "INVALID_LINK_NAME", "the URDF has no link hand: choose one of base_link, link1"),
         (ARM, "base_link", {}, "INVALID_LINK_NAME", "no driven joint moves the tool base_link: choose a link such as"),
-        (ARM, "link5", {"up": {"joint9": 0.0}}, "INVALID_ROBOT_STATE", "state up: joint joint9 is not driven: choose"),
+        (ARM, "link5", {"up": {"joint9": 0.0}}, "INVALID_ROBOT_STATE", "in state up, joint9 is not driven: choose"),
         (ARM, "link5", {"up": {"joint2": 2.1}}, "INVALID_ROBOT_STATE", "joint2 is at 2.1, outside its limits -2 to 2"),
         (ARM, "link5", {"up": {"joint2": float("nan")}}, "INVALID_ROBOT_STATE", "joint2 is at nan, outside its limits"),
     ],
@@ -82,7 +82,7 @@ def test_unknown_names_are_refused_with_those_that_exist() -> None:
     with pytest.raises(PlanningError, match="there is no group legs: choose one of arm, hand") as caught:
         groups.group("legs")
     assert caught.value.code == "INVALID_GROUP_NAME"
-    with pytest.raises(PlanningError, match="the group arm has no state up: choose one of ready, park, upright"):
+    with pytest.raises(PlanningError, match="the group arm has no state named up: choose one of ready, park, upright"):
         groups.group("arm").state("up")
 
 

@@ -1,4 +1,4 @@
-"""Recordings of other programs, which contain ROS 2 messages of any publisher in MCAP."""
+"""Recordings as other programs write them: MCAP files with ROS 2 messages from any publisher."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -25,7 +25,7 @@ class State(NamedTuple):
 def write_states(
     path: Path, states: Iterable[State], compression: CompressionType = CompressionType.ZSTD, crcs: bool = True
 ) -> Path:
-    """Write a file with the profile ros2 and these states on /joint_states."""
+    """Write an MCAP file with the ros2 profile that contains these states on the topic /joint_states."""
     with path.open("xb") as stream:
         writer = Writer(stream, 4096, compression, enable_crcs=crcs)
         writer.start(profile="ros2")

@@ -229,7 +229,7 @@ def test_tolerances_can_be_set_at_run_time_but_not_the_joint(client: Gripper) ->
         ),
         (
             {"position": [0.0], "velocity": [1.0, 1.0]},
-            "2 velocities or efforts for one joint: send at most one of each",
+            "2 values for velocity or effort: send at most one value for each",
         ),
     ],
 )

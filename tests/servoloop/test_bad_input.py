@@ -161,7 +161,7 @@ def test_an_emulator_refuses_a_path_in_use(
             "real servos cannot run in simulated time: omit --port, or --rtf",
         ),
         (("up", "--step", "--port", "/dev/ttyACM77"), "real servos cannot run in simulated time: omit --port"),
-        (("up", "--rtf", "0"), "--rtf must be a factor above 0, such as 0.5 or 5, or max, not '0'"),
+        (("up", "--rtf", "0"), "--rtf must be max or a factor above 0, such as 0.5 or 5, not '0'"),
         (("emulate", ""), "LINK must be an unused path such as ./bus, not '.'"),
         (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
         (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),

@@ -153,5 +153,5 @@ def test_valid_factors_are_parsed(text: str, factor: float) -> None:
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "fast", ""])
 def test_invalid_factors_are_refused(text: str) -> None:
-    with pytest.raises(DriverError, match="--rtf must be a factor above 0"):
+    with pytest.raises(DriverError, match="--rtf must be max or a factor above 0"):
         parse_factor(text)

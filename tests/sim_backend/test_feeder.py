@@ -19,7 +19,7 @@ SWING_RAD_S = 2.0 * math.pi * 1.7
 
 @dataclass
 class PaperWorld:
-    """A fake world with the properties that the feeder reads, which the test sets."""
+    """Fake world. The test sets the properties that the feeder reads."""
 
     place: str = "bin"
     at_rest: bool = True

@@ -164,7 +164,7 @@ class PlanningComponent:
             motion_plan_constraints: Alternative goals.
 
         Raises:
-            ValueError: The number of goals is not one, or a pose is given without a link.
+            ValueError: No goal or more than one goal is given, or a pose or a link is given alone.
         """
         _require_one(
             "goal",
@@ -217,7 +217,7 @@ class PlanningComponent:
             RuntimeError: move_group does not respond.
         """
         if planning_scene is not None:
-            raise ValueError("plan() takes no planning scene: change the scene of move_group instead")
+            raise ValueError("plan() does not accept a planning scene: change the scene of move_group instead")
         request = self._request(single_plan_parameters or PlanRequestParameters(self._moveit))
         if not self._goals:
             code = MoveItErrorCodes(
@@ -257,7 +257,7 @@ class PlanningComponent:
 
     def _unknown(self, name: str | None) -> bool:
         known = ", ".join(self._group.states) or "none"
-        self._log().error(f"the group {self._group.name} has no state {name}; its states: {known}")
+        self._log().error(f"the group {self._group.name} has no state named {name}; its states: {known}")
         return False
 
     def _log(self) -> Any:

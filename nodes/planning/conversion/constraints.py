@@ -127,7 +127,7 @@ class ConstraintReader:
         """Yield each combination of a position region and an orientation."""
         positions, orientations = message.position_constraints, message.orientation_constraints
         if len(positions) > 1 or len(orientations) > 1:
-            raise _invalid("a goal has several poses: send the pose of one link, or several goals")
+            raise _invalid("a goal has more than one pose: send the pose of one link, or send several goals")
         if not positions and not orientations:
             raise _invalid("a goal has no constraint: send joint positions or a pose")
         regions = self._position_regions(positions[0]) if positions else [_anywhere()]

@@ -190,7 +190,7 @@ class MotionPlanner:
             return ToolGoal(goal, self._tool)
         if unknown := sorted(goal.keys() - set(self.plannable)):
             known = ", ".join(self.plannable)
-            raise ArmInputError(f"no planning group moves joint {unknown[0]} of the goal: choose one of {known}")
+            raise ArmInputError(f"no planning group moves joint {unknown[0]} of the goal: use only the joints {known}")
         if not any(set(group.joints).issuperset(goal) for group in self._groups):
             raise ArmInputError(f"no planning group has all of the joints {', '.join(goal)}: add a group to the SRDF")
         _check_finite("the goal", goal)

@@ -25,7 +25,7 @@ JOINED_S: Final = 0.3
 EARLY_CYCLES: Final = 2.0
 """Number of cycles by which a goal may end before its last point's time, because its start is rounded to a cycle."""
 ENDS_EARLY_CYCLES: Final = 4
-"""Number of cycles by which a reference may reach the last point early, because a path ends slowly."""
+"""Number of cycles by which a reference may reach the last point early, because a path slows down before its end."""
 STANDS: Final = 0.01
 """Maximum speed of a reference at rest, in rad/s or m/s."""
 GAINS_S: Final = 0.1
@@ -65,7 +65,7 @@ class PathIsAsSent(Invariant):
     """The path of a successful goal passes through all points of the client, and no path ends before the time of its
     last point.
 
-    A path takes no longer than the client asked or the limits require. The path to a single point makes no detour.
+    A path takes no longer than the client requested or the limits require. The path to a single point makes no detour.
     """
 
     name = "path is as sent"
@@ -178,8 +178,8 @@ class PathIsAsSent(Invariant):
             here |= ends
         asked_s = goal.delay_s + goal.points[-1].time_from_start_s
         if duration_s > max(asked_s, needs_s) + SLOW_S:
-            asked = f"for {asked_s:.2f} s, and the limits require {needs_s:.2f} s"
-            self.say(f"the path of a goal takes {duration_s:.2f} s, but its client asked {asked}")
+            asked = f"{asked_s:.2f} s, and the limits require only {needs_s:.2f} s"
+            self.say(f"the path of a goal takes {duration_s:.2f} s, but its client requested {asked}")
 
 
 def _brakes_s(speed: float, limit: JointLimits) -> float:

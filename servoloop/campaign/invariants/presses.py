@@ -1,4 +1,4 @@
-"""Invariant on prolonged pressing: the drive of a joint that presses without moving is reduced."""
+"""Invariant on prolonged pressing: if a joint presses without moving, its drive is reduced."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -222,7 +222,7 @@ def test_unknown_state_and_missing_goal_are_logged_and_false(robot: Robot, arm: 
     assert not response
     assert response.error_code.val == MoveItErrorCodes.INVALID_GOAL_CONSTRAINTS
     assert not robot.execute(response.trajectory)
-    assert "the group arm has no state nowhere; its states: ready" in robot.recorded.errors[0]
+    assert "the group arm has no state named nowhere; its states: ready" in robot.recorded.errors[0]
     assert robot.recorded.executed == []
 
 

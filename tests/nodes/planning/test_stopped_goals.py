@@ -27,7 +27,7 @@ from nodes.planning.routes import Route
 from nodes.planning.world import first_world
 from tests.nodes.planning.robots import READY, robot_arm
 
-REASON = "the planning server exits"
+REASON = "the planning server is shutting down"
 ARM = Route("arm_controller", "trajectory", tuple(joint for joint in READY if joint != "hand_right_joint"))
 HAND = Route("hand_controller", "forward", ("hand_right_joint",))
 

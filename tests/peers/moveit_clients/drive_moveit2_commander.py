@@ -1,4 +1,4 @@
-"""Use a plan server with moveit2_commander, and print the results of all calls as one line of JSON.
+"""Call a plan server through moveit2_commander, and print the results of all calls as one line of JSON.
 
 moveit2_commander imports all names of three packages without using them. ROS 2 from wheels does not contain these
 packages, so they are replaced by empty modules.

@@ -1,4 +1,4 @@
-"""Use a plan server with pymoveit2, and print the results of all calls as one line of JSON."""
+"""Call a plan server through pymoveit2, and print the results of all calls as one line of JSON."""
 
 import json
 import sys
