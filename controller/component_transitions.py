@@ -284,11 +284,21 @@ class ComponentTransitions:
                 self._switch_off(component, undo=transition.reactivated is None)
             transition.refuse(error)
             return
-        self._resume(transition.controllers, state)
+        self._resume(self._ended_for(transition), state)
         if transition.error_in_background is not None:
             transition.refuse(transition.error_in_background)
         else:
             transition.serve()
+
+    def _ended_for(self, transition: ComponentTransition) -> list[str]:
+        """Return the controllers to activate after a transition.
+
+        If a stream or freedrive of a program has ended during the transition, its joints return to the controllers that
+        it had replaced.
+        """
+        loaded, manager = self._manager.registry.loaded, self._manager
+        freed = {name for ended in transition.controllers if ended in loaded for name in loaded[ended].commands}
+        return [name for name in manager.suspended.resumable() if not freed.isdisjoint(loaded[name].commands)]
 
     def _switch_off(self, component: Component, undo: bool) -> None:
         """Deactivate a component that cannot be commanded.

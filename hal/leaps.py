@@ -10,7 +10,7 @@ away from the shaft.
 
 import math
 from collections.abc import Collection, Sequence
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 from hal.joint import Joint
 from hal.types import AT_LIMIT, JointLimits
@@ -105,21 +105,12 @@ class Plausibility:
         return speed * (min(elapsed_s, LONGEST_S) + SAMPLING_S) + self._slack
 
 
-class _Seen(NamedTuple):
-    """Last believed position of a servo."""
-
-    counts: int
-    """Counts, beyond the range of the encoder if the shaft has crossed the seam."""
-    at_s: float
-    """Time of the reading, in seconds."""
-
-
 class SeamCrossings:
-    """Whole turns that the readings of servos lack because their shafts were pushed over the seam of the encoder.
+    """Whole turns that the readings of driven servos lack because their shafts were pushed over the encoder's seam.
 
     A second reading must confirm each crossing. A joint that moved too fast to be followed is not followed again before
     its next activation. A joint whose range contains the seam is not followed, because the servo counts its turns in
-    the range.
+    the range. A limp joint can be turned by hand by whole turns, so its caller calls ``forget`` instead.
     """
 
     def __init__(self, joints: Sequence[Joint]) -> None:
@@ -133,7 +124,9 @@ class SeamCrossings:
         """Whole turns that the reading of each joint lacks, in counts."""
         self._unconfirmed = dict.fromkeys(self._turn, 0)
         """Change of ``_missing`` according to the latest reading, if not confirmed yet."""
-        self._seen: dict[str, _Seen] = {}
+        self._seen: dict[str, int] = {}
+        """Last believed position of each joint, in counts, beyond the range of the encoder if the shaft has crossed the
+        seam."""
         self._leapt: set[str] = set()
         """Joints whose position has leapt since their activation. Their turn is not certain, so their readings are
         believed within a single turn."""
@@ -145,28 +138,28 @@ class SeamCrossings:
             self._seen.pop(name, None)
             self._leapt.discard(name)
 
-    def counts(self, name: str, reading: int, now_s: float) -> int:
+    def counts(self, name: str, reading: int) -> int:
         """Return the counts of a reading, with the whole turns that it lacks. A leap is returned as it was read."""
         seen = self._seen.get(name)
-        if seen is None or now_s - seen.at_s > LONGEST_S or name in self._leapt:
+        if seen is None or name in self._leapt:
             return reading
         turn, counts = self._turn[name], reading + self._missing[name]
-        moved = round(math.remainder(counts - seen.counts, turn))
+        moved = round(math.remainder(counts - seen, turn))
         if abs(moved) > CROSSES * turn:
             return reading
-        crossed, before = seen.counts + moved - counts, self._unconfirmed[name]
+        crossed, before = seen + moved - counts, self._unconfirmed[name]
         self._unconfirmed[name] = 0 if crossed == before else crossed
         if crossed and crossed == before:
             self._missing[name] += crossed
             return counts + crossed
         return counts
 
-    def believed(self, name: str, counts: int, now_s: float) -> None:
+    def believed(self, name: str, counts: int) -> None:
         """Note a position that is plausible."""
         if name not in self._turn:
             return
         seen = self._seen.get(name)
-        if seen is not None and abs(counts - seen.counts) > CROSSES * self._turn[name]:
+        if seen is not None and abs(counts - seen) > CROSSES * self._turn[name]:
             self._leapt.add(name)
             self._missing[name] = self._unconfirmed[name] = 0
-        self._seen[name] = _Seen(counts, now_s)
+        self._seen[name] = counts

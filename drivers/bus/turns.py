@@ -3,10 +3,11 @@
 Such a servo counts several turns, but after a reset its count restarts within a single turn. The bus therefore
 subtracts whole turns from its readings and adds them to its goals. The number of turns changes only if a reading leaps
 out of the turn, as after a reset, and a second reading confirms it. A wrong number would move the joint by a whole
-turn. A shaft that is pushed past the end of the turn stays in its turn, as in position mode.
+turn. A driven shaft that is pushed past the end of its turn stays in this turn, as in position mode. A limp shaft is
+always within its turn, no matter how many times it is turned by hand.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from drivers.servos.register import ServoModel
 from drivers.types import Reading, ServoGoal, ServoState
@@ -23,6 +24,8 @@ class Turns:
         """Whole turns in the latest reading of each servo, in counts, if not confirmed yet."""
         self._positions: dict[int, int] = {}
         """Last position of each servo without whole turns, in counts, whose number of turns is confirmed."""
+        self._driven: set[int] = set()
+        """Servos whose torque may be enabled."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool, held: int | None = None) -> None:
         """Note the mode of a servo.
@@ -41,6 +44,11 @@ class Turns:
         turn = self._counts_per_turn[servo_id] = model.counts_per_turn
         if held is not None:
             self._whole_turns[servo_id], self._positions[servo_id] = held // turn * turn, held % turn
+            self._driven.add(servo_id)
+
+    def released(self, servo_ids: Iterable[int]) -> None:
+        """Note that the torque of these servos is disabled."""
+        self._driven.difference_update(servo_ids)
 
     def __contains__(self, servo_id: int) -> bool:
         return servo_id in self._counts_per_turn
@@ -63,7 +71,8 @@ class Turns:
         """Whole turns in the reading if the servo was reset."""
         position = counts - self._whole_turns.setdefault(servo_id, reset)
         unconfirmed = self._unconfirmed.pop(servo_id, None)
-        if not 0 <= position < turn and abs(position - self._positions.get(servo_id, position)) >= turn // 2:
+        leapt = abs(position - self._positions.get(servo_id, position)) >= turn // 2
+        if not 0 <= position < turn and (leapt or servo_id not in self._driven):
             if reset != unconfirmed:
                 self._unconfirmed[servo_id] = reset
                 return position
@@ -75,8 +84,11 @@ class Turns:
     def _forget(self, servo_id: int) -> None:
         for values in (self._whole_turns, self._unconfirmed, self._positions):
             values.pop(servo_id, None)
+        self._driven.discard(servo_id)
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> Mapping[int, ServoGoal]:
+        """Return the goals with the whole turns of their servos. Some servos enable torque when they receive a goal."""
+        self._driven.update(goals.keys() & self._counts_per_turn.keys())
         changed = {
             i: goals[i]._replace(position_counts=goals[i].position_counts + whole_turns)
             for i, whole_turns in self._whole_turns.items()

@@ -7,6 +7,8 @@ from typing import Final
 from drivers.bus.retry import ATTEMPTS
 from drivers.clock import Clock
 from drivers.driver_errors import ServoCorrupt, ServoSilent
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
 from drivers.types import Reading, ServoGoal, ServoState
 from hal.hal_errors import ActivationError
 from hal.joint import Joint
@@ -177,23 +179,26 @@ class Activation:
             raise ActivationError(
                 f"not activated: {self._called(joint)} {problem}. Move the joint by hand, or correct zero_counts"
             )
-        if not lower <= position <= upper:
-            self._check_own_limits(joint, state.position_counts)
-        return state.position_counts
+        return state.position_counts if lower <= position <= upper else self._outside(joint, state.position_counts)
 
-    def _check_own_limits(self, joint: Joint, counts: int) -> None:
-        """Check a position outside the joint limits against the servo's own limits.
+    def _outside(self, joint: Joint, counts: int) -> int:
+        """Return the first goal of a joint outside its limits, after a check of the servo's own limits.
 
         A servo outside its own limits moves back to them as soon as its torque is enabled. For positions within the
-        joint limits, this was already checked during setup.
+        joint limits, this was already checked during setup. If something pushes a driven servo in extended position
+        mode past the end of its turn, its goal becomes this end, because a later activation determines the turn of a
+        servo from its goal.
         """
         limits = self._setup.position_limits(joint)
-        if limits is not None and not limits[0] <= counts <= limits[1]:
+        if limits is None:
+            return min(max(counts, 0), joint.model.last_count) if series_of(joint.model) is X else counts
+        if not limits[0] <= counts <= limits[1]:
             raise ActivationError(
                 f"not activated: {self._called(joint)} is at {counts} counts, outside the servo's own limits "
                 f"{limits[0]} to {limits[1]}, so the servo would jump to the nearer limit. Move the joint by hand, or "
                 "widen the servo's limits"
             )
+        return counts
 
     def _check_turn(self, joint: Joint) -> None:
         """Check that a servo whose torque is enabled is not holding its position in a different turn.

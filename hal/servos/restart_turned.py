@@ -30,8 +30,8 @@ def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:
 
     Args:
         joint: The joint.
-        counts: Position reported by the joint's servo, in counts. The bus has already removed the whole turns of servos
-            in extended position mode.
+        counts: Position reported by the joint's servo, in counts. The bus has already removed the whole turns of limp
+            servos in extended position mode.
         bus: Bus of the servo.
 
     Returns:

@@ -65,15 +65,17 @@ class ServoStates:
         health = dict(last.health)
         counters = buses.counters()
         self.measured.clear()
+        if ask_until_s is None:
+            self._seams.forget()
         for index, joint in enumerate(self._joints):
             account = counters[joint.bus].servos[joint.servo_id]
             reading: Reading | JointFault = readings[joint.name]
             if isinstance(reading, ServoState):
-                counts = self._seams.counts(joint.name, reading.position_counts, now_s)
+                counts = self._seams.counts(joint.name, reading.position_counts)
                 at = joint.position(counts)
                 leap = self._plausibility[index].leap(at, now_s, ask_until_s is not None)
                 if leap is None:
-                    self._seams.believed(joint.name, counts, now_s)
+                    self._seams.believed(joint.name, counts)
                     reading = reading._replace(position_counts=counts)
                     position[index], velocity[index] = at, reading.velocity_counts_s * joint.units_per_count
                     effort[index] = reading.load * self._signed_effort[index]

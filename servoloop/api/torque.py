@@ -46,15 +46,22 @@ class TorqueSwitch:
 
     def enable(self) -> None:
         """Enable the torque at the measured positions, and activate the controllers that were active before the torque
-        was disabled or a component was lost. Raises ArmError."""
-        self._bring(LifecycleState.ACTIVE)
+        was disabled or a component was lost.
+
+        If the torque of one component cannot be enabled, the controllers of the others are still activated. Raises
+        ArmError.
+        """
+        try:
+            self._bring(LifecycleState.ACTIVE)
+        except ArmError:
+            self._in_loop(self._resume)
+            raise
+        self._in_loop(self._resume)
+
+    def _resume(self) -> None:
         loop = self._stack.loop
-
-        def activate() -> None:
-            if names := loop.manager.suspended.resumable():
-                loop.manager.switch(SwitchRequest(activate=names), loop.within_limits)
-
-        self._in_loop(activate)
+        if names := loop.manager.suspended.resumable():
+            loop.manager.switch(SwitchRequest(activate=names), loop.within_limits)
 
     def _bring(self, target: LifecycleState) -> None:
         loop = self._stack.loop

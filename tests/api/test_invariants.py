@@ -102,6 +102,36 @@ def test_a_stream_that_lost_the_hand_gives_the_arm_back(tmp_path: Path) -> None:
     arm.end()
 
 
+def test_controllers_start_although_another_component_stays_lost(tmp_path: Path) -> None:
+    arm = WatchedArm(read_files(write_servos(tmp_path)))
+    joint = arm.joints[0]
+    arm.torque(False, park=False)
+    arm.stack.player.play([parse("adapter_unplugged bus=hand")], arm.stack.world.time_s)
+    arm.sleep(1.0)
+    with pytest.raises(ArmError, match="hand"):
+        arm.torque(True)
+    arm.move_to({joint: 0.1}, duration=1.0)
+    assert arm.state.position[joint] == pytest.approx(0.1, abs=0.05)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_torque_during_a_stream_or_freedrive_gives_the_arm_to_its_controller(arm: WatchedArm, free: bool) -> None:
+    """A joint loses its torque, so that the stream or freedrive ends. Neither starts again by itself."""
+    arm.move_to(FREE, duration=2.0)
+    with suppress(ArmError), arm.freedrive() if free else arm.stream(max_age=9.0):
+        arm.stack.player.play([parse("brown_out id=3")], arm.stack.world.time_s)
+        arm.sleep(2.0)
+        arm.torque(True)
+        arm.sleep(0.5)
+    arm.move_to({PAN: 0.2}, duration=1.5)
+    assert arm.state.position[PAN] == pytest.approx(0.2, abs=0.05)
+    running = {entry.spec.name for entry in arm.stack.loop.manager.registry.running}
+    assert "arm_controller" in running and "freedrive_controller" not in running
+    arm.stack.player.play([parse("overload id=1 torque=2 for=0.3s")], arm.stack.world.time_s)
+    arm.sleep(2.0)
+    assert arm.state.position[PAN] == pytest.approx(0.2, abs=0.05), "the arm does not yield"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_random_programs_keep_the_invariants(seed: int) -> None:

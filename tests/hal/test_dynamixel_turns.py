@@ -2,6 +2,8 @@
 
 import logging
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from drivers.servos import x
 from drivers.types import ServoState
 from hal.hal_errors import ActivationError
 from hal.joint import Joint
+from hal.lifecycle import LifecycleState
+from hal.servos.leader_arm import LeaderArm
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointCommand, JointLimits
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
@@ -44,9 +48,23 @@ class Turned:
             self._place(math.copysign(step / STEPS, turns))
             self.clock.sleep_until(self.clock.now() + 0.005)
             self.line.advance(self.clock.now())
+        limits: JointLimits = joint.pop("limits", LIMITS)  # type: ignore[assignment]
+        self.joint = Joint("wrist", 1, self.MODEL, limits, **joint)  # type: ignore[arg-type]
+        self.open()
+
+    def open(self) -> None:
+        """Start a new driver that does not know the servo yet."""
         self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.MODEL})
-        self.joint = Joint("wrist", 1, self.MODEL, LIMITS, **joint)  # type: ignore[arg-type]
-        self.hardware = ServoHardware("arm", [self.joint], lambda: self.bus, self.clock)
+        self.hardware: ServoHardware = ServoHardware("arm", [self.joint], lambda: self.bus, self.clock)
+
+    def turn(self, counts: Sequence[float]) -> None:
+        """Turn the shaft by hand to each of these counts, one per period, and read it if it is configured."""
+        for count in counts:
+            self._place((count - START) / TURN)
+            self.clock.sleep_until(self.clock.now() + PERIOD_S)
+            self.line.advance(self.clock.now())
+            if self.hardware.state is not LifecycleState.UNCONFIGURED:
+                self.hardware.read()
 
     def _place(self, turns: float) -> None:
         self.plant.place([(START + 0.5 + turns * TURN) / TURN * math.tau])
@@ -216,6 +234,52 @@ def test_a_joint_that_is_pushed_past_the_end_of_its_turn_stays_in_its_turn(
         arm.hardware.activate()
     arm.command(position, 40)
     assert arm.shaft == pytest.approx(before, abs=20)
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_pushed_joint_keeps_its_turn_in_repeated_activations(restarts: bool) -> None:
+    """A goal outside the turn would be taken as a goal in the next turn."""
+    arm = Weak(4, 0, 0, position_p=400, limits=replace(LIMITS, lower=-3.14, upper=3.14))
+    arm.activate()
+    for at in range(START, 4040, 60):
+        arm.command(arm.joint.position(at), 1)
+    arm.command(arm.joint.position(4040), 40)
+    before = arm.shaft
+    arm.plant.load_nm[0] = 0.3
+    arm.command(arm.joint.position(4040), 10)
+    for _ in range(2):
+        arm.hardware.deactivate(relax=False)
+        if restarts:
+            arm.hardware.cleanup()
+            arm.open()
+            arm.hardware.configure()
+        arm.hardware.activate()
+    arm.plant.load_nm[0] = 0.0
+    here = float(arm.hardware.read().position[0])
+    for part in np.linspace(0.0, 1.0, 60):
+        arm.command(here + (3.0 - here) * part, 1)
+    arm.command(3.0, 20)
+    assert arm.shaft == pytest.approx(before, abs=100)
+
+
+@pytest.mark.parametrize("leader", [False, True])
+@pytest.mark.parametrize(("begin", "end"), [(START, START + TURN), (START, START - TURN), (-30, START)])
+def test_a_limp_joint_is_turned_by_hand_while_it_is_read(
+    caplog: pytest.LogCaptureFixture, begin: int, end: int, leader: bool
+) -> None:
+    """Its position is always within its turn, so its servo does not have to be restarted. A leader is never driven."""
+    arm = Turned(4, 0, 0)
+    arm.turn([begin])
+    if leader:
+        bus = arm.bus
+        arm.hardware = LeaderArm([arm.joint], lambda: bus, arm.clock)
+    arm.hardware.configure()
+    arm.turn([*np.linspace(begin, end, 100), end, end, end])
+    assert arm.hardware.read().position[0] == pytest.approx(arm.joint.position(START), abs=0.01)
+    if not leader:
+        with caplog.at_level(logging.INFO):
+            arm.hardware.activate()
+        assert not any("restarting" in message for message in caplog.messages)
 
 
 class LimitedByCurrent(Turned):

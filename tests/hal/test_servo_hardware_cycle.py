@@ -9,14 +9,13 @@ import pytest
 
 from drivers.driver_errors import PortLost
 from drivers.servos import sts
-from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.servo_faults import RESET_S
 from hal.servos.servo_goals import GAINED_S
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_states import ServoStates
-from hal.types import FloatArray, JointCommand, JointLimits
+from hal.types import FloatArray, JointCommand
 from sim_backend.mechanics.gears import Gears
 from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of
@@ -605,43 +604,3 @@ def test_a_servo_with_a_harmless_alarm_continues(alarm: str) -> None:
     assert state.health["elbow"].alarms == (alarm,)
     assert state.faults == {}
     assert commanded_ids(bench) == list(IDS)
-
-
-def shaft(bench: Bench) -> float:
-    """Return the position of the first shaft with its turns, in counts."""
-    return float(bench.plant.joints.position[0]) / math.tau * 4096
-
-
-@pytest.mark.parametrize(("start", "limit", "load_nm"), [(4060, 3.14, 1.5), (36, -3.14, -1.5)])
-def test_the_goal_of_a_joint_pushed_over_the_seam_does_not_move(start: int, limit: float, load_nm: float) -> None:
-    roll = Joint("roll", 1, sts.STS3215, JointLimits(-3.14, 3.14, 4.0, 12.0, 120.0))
-    bench = Bench(counts=[start], joints=(roll,)).active()
-    for _ in range(20):
-        bench.cycle(at(limit))
-    goal, before = bench.held(1, sts.goal_position), shaft(bench)
-    bench.plant.load_nm[0] = load_nm
-    pushed = [bench.cycle(at(limit)) for _ in range(30)]
-    assert abs(shaft(bench) - 2048) > 2048 + 20, "the shaft is beyond the seam"
-    known = [state.position[0] for state in pushed if not state.faults]
-    assert len(known) > 25 and max(abs(position - limit) for position in known) < 0.3
-    bench.plant.load_nm[0] = 0.0
-    for _ in range(20):
-        bench.cycle(at(limit))
-        assert bench.held(1, sts.goal_position) == goal
-    assert shaft(bench) == pytest.approx(before, abs=20)
-
-
-def test_a_joint_that_is_thrown_over_the_seam_and_back_is_believed_where_it_is() -> None:
-    """The joint crosses the seam too fast to be followed, and returns slowly."""
-    roll = Joint("roll", 1, sts.STS3215, JointLimits(-3.14, 3.14, 4.0, 12.0, 120.0))
-    bench = Bench(counts=[300], joints=(roll,)).active()
-    here = at(roll.position(300))
-    bench.cycle(here)
-    bench.plant.load_nm[0] = -40.0
-    while shaft(bench) > -150.0:
-        bench.cycle(here)
-    bench.plant.load_nm[0] = 0.0
-    for _ in range(40):
-        state = bench.cycle(here)
-    assert state.position[0] == pytest.approx(here[0], abs=0.1)
-    assert bench.held(1, sts.goal_position) == 300
