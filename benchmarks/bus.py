@@ -107,7 +107,7 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: Mapp
         on_wire_us: Transmission time of each client's cycle, in microseconds; empty if transmission time is not
             simulated.
     """
-    columns = "client", "us/cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
+    columns = "client", "us/cycle", "CPU us", "cycles/s vs. rustypot's", "us on the wire", "to the wire", "failed"
     table = Table(*columns, title=title)
     theirs_us = found["rustypot"][0]
     for name, (cycle_us, cpu_us, failed) in found.items():

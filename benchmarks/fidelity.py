@@ -211,13 +211,13 @@ def switches() -> Iterator[Figure]:
     bench.write(sts.torque_enable, 1)
     bench.wait(1.0)
     moved = abs(bench.read(sts.present_position) - MIDDLE)
-    yield Figure("torque enabled with a stale goal: motion", "counts", moved, 0, "firmware")
+    yield Figure("motion when torque is enabled with a stale goal", "counts", moved, 0, "firmware")
     bench = StsBench.at_12_v()
     bench.write(sts.goal_position, MIDDLE + 200)
-    yield Figure("goal written while limp: register 40 is", "", bench.read(sts.torque_enable), 1, "firmware")
+    yield Figure("register 40 after a goal to a limp servo", "", bench.read(sts.torque_enable), 1, "firmware")
     bench.wait(1.0)
     moved = bench.read(sts.present_position) - MIDDLE
-    yield Figure("  motion after it", "counts", moved, 200, "firmware")
+    yield Figure("    motion after this goal", "counts", moved, 200, "firmware")
 
 
 def figures() -> list[Figure]:

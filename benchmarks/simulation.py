@@ -161,7 +161,7 @@ def _show_cost(console: Console, measured: InvariantCost) -> None:
     table.add_row("without invariants", f"{measured.without_s / measured.runs:.2f} s", "1")
     table.add_row("with all invariants", f"{measured.with_all_s / measured.runs:.2f} s", f"{measured.ratio:.2f}")
     console.print(table)
-    shares = Table("invariant", "fraction of the time of all invariants")
+    shares = Table("invariant", "fraction of the total time of all invariants")
     for name, share in sorted(measured.shares.items(), key=lambda entry: -entry[1]):
         shares.add_row(name, f"{share:.1%}")
     console.print(shares)

@@ -77,7 +77,8 @@ def stream(seconds: int, rate_hz: int) -> Streamed:
 
 
 def goals_on_the_bus(recording: Path, joint: str = JOINT) -> Iterator[tuple[float, float]]:
-    """Yield the time of each group write of goals, in seconds, and the command that it contains for a joint, in rad."""
+    """For each command to a joint, yield the time of the group write that sends it, in seconds, and the command, in
+    rad."""
     decode, commanded = typestore().deserialize_cdr, list[tuple[float, float]]()
     writes = list[float]()
     with recording.open("rb") as file:

@@ -120,7 +120,7 @@ def _run_jobs(found: ViewOutcome, ready: Cell, jobs: int) -> None:
 def show(console: Console, outcomes: list[ViewOutcome]) -> None:
     """Print one row per run, and the ratios of all runs with the page to all runs without it."""
     table = Table(
-        *("page", "cubes", "cycles", "missed", "latest, ms", "cycles begin, us off", "measured, us off", "browser, s")
+        *("page", "cubes", "cycles", "missed", "latest, ms", "start deviation, us", "read deviation, us", "browser, s")
     )
     for one in outcomes:
         counted = f"{one.sorted} of {one.jobs}", *(one.loop.get(name, "?") for name in LOOP)
@@ -133,8 +133,8 @@ def show(console: Console, outcomes: list[ViewOutcome]) -> None:
     begun = _ratio([(one.view, one.begun_s) for one in outcomes])
     measured = _ratio([(one.view, np.array(one.measured_s)) for one in outcomes])
     console.print(
-        "period deviations: p50 / p99 / p99.9 / largest. Over all cycles, opening the page multiplies the p99.9 by "
-        f"{begun} for the periods between cycle starts and by {measured} for those between measurements"
+        "deviations of the period: p50 / p99 / p99.9 / largest. Over all cycles, opening the page multiplies p99.9 by "
+        f"{begun} from cycle start to cycle start, and by {measured} from measurement to measurement"
     )
 
 

@@ -14,7 +14,7 @@ STUCK_SHARE: Final = 0.3
 """Minimum motion, as a fraction of the commanded motion. A joint that moves less is blocked or has no torque."""
 BEHIND_RAD: Final = 0.25
 """Following error at which a motion is aborted, in rad of the servo's shaft. With the factory gains, a servo applies
-full drive from 0.19 rad upward.
+full drive if its following error is 0.19 rad or more.
 """
 LEAST_DRIVE: Final = 0.04
 """Minimum drive that can be evaluated, as a fraction of full drive. A smaller drive cannot be distinguished from the

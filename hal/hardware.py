@@ -89,7 +89,7 @@ class Hardware(Protocol):
 
 @runtime_checkable
 class Requesting(Protocol):
-    """Hardware that can send its request before it is read.
+    """Hardware whose requests can be sent before ``read`` is called.
 
     All components send their requests first, so that they wait for the replies at the same time.
     """
@@ -106,7 +106,7 @@ class Requesting(Protocol):
 
 @runtime_checkable
 class WithOutputs(Protocol):
-    """Hardware with command interfaces that do not move a joint, such as the LED of a servo."""
+    """Hardware with outputs, which are command interfaces that do not move a joint, such as a servo's LED."""
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -123,10 +123,10 @@ class SeamCrossings:
         self._missing = dict.fromkeys(self._turn, 0)
         """Whole turns that the reading of each joint lacks, in counts."""
         self._unconfirmed = dict.fromkeys(self._turn, 0)
-        """Change of ``_missing`` according to the latest reading, if not confirmed yet."""
+        """Unconfirmed change of ``_missing`` according to the latest reading."""
         self._seen: dict[str, int] = {}
-        """Last believed position of each joint, in counts, beyond the range of the encoder if the shaft has crossed the
-        seam."""
+        """Last believed position of each joint, in counts. This position is beyond the range of the encoder if the
+        shaft has crossed the seam."""
         self._leapt: set[str] = set()
         """Joints whose position has leapt since their activation. Their turn is not certain, so their readings are
         believed within a single turn."""

@@ -120,7 +120,8 @@ def _trimmed(text: str) -> str:
 
 
 def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, str]:
-    """Format a value outside a range and both ends of the range, like ``apart``."""
+    """Format a value outside a range, and both ends of the range. The value and the end that it exceeds are formatted
+    with ``apart``."""
     if value < lower:
         return *apart(value, lower), f"{upper:.4f}"
     shown, end = apart(value, upper)

@@ -71,7 +71,7 @@ class _Reader:
         return SceneFileError(f"{self._file}, line {min(self._line + 1, max(1, len(self._lines)))}: {text}")
 
     def word(self, what: str) -> str:
-        """Return the next word. ``what`` is the word's name in error messages."""
+        """Return the next word. ``what`` describes the word in error messages."""
         while not self._words:
             if self._line + 1 >= len(self._lines):
                 raise self.error(f"the file ends before {what}: complete the file")

@@ -143,7 +143,7 @@ class Attached:
     item: SceneObject
     link: str
     touch_links: frozenset[str] = frozenset()
-    """Links that may touch the object. The link to which the object is attached may always touch it."""
+    """Links that may touch the object. The link to which the object is attached may always touch the object."""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,8 @@ class Block:
 
     @property
     def to_run(self) -> list[str]:
-        """Names that a test must list: each command of the block, or the block itself."""
+        """Names that a test must list in its marker ``runs``: each command of a shell block, or the name of another
+        block."""
         if self.not_run or self.language in OUTPUT:
             return []
         return self.commands if self.language == SHELL else [self.name]

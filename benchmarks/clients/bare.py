@@ -69,7 +69,7 @@ def _good_cycle(port: RecordingSerialPort, cycle: Callable[[], bool]) -> list[St
             return last
         last = list(port.steps)
     raise DriverError(
-        f"{port.name}: not all servos respond reliably: no two consecutive cycles of {_TRIES} were complete and equal"
+        f"{port.name}: not all servos respond reliably: in {_TRIES} cycles, no two in a row were complete and identical"
     )
 
 

@@ -40,5 +40,5 @@ def silence(text: str) -> tuple[int, float, float]:
         return int(servo_id), float(from_s), float(to_s)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"must be an ID with two times in seconds, such as 3,1,2.5, not {text!r}"
+            f"must be a servo ID and two times in seconds, such as 3,1,2.5, not {text!r}"
         ) from None

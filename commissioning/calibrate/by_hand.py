@@ -272,7 +272,7 @@ def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration)
 
 
 def anchor_counts(joint: Joint, plan: JointPlan, travel: Travel, sign: int) -> float:
-    """Return the continuous counts at the middle or at a stop of the travel, as specified by the plan."""
+    """Return the continuous counts at the plan's reference position, which is the middle or a stop of the travel."""
     if plan.zero == "middle":
         return 0.5 * (travel.lower + travel.upper)
     pressed = pressed_counts(joint, travel)

@@ -35,7 +35,7 @@ class JointPlan(BaseModel):
     @model_validator(mode="after")
     def _pose_is_complete(self) -> Self:
         if self.zero == "pose" and (self.at is None or not self.pose):
-            raise ValueError("zero: pose needs `pose` (a description of the pose) and `at` (the joint position)")
+            raise ValueError("`zero: pose` needs `pose` (a description of the pose) and `at` (the joint position)")
         return self
 
     def anchor(self, lower: float, upper: float) -> float:
@@ -93,7 +93,7 @@ class AutoPlan(BaseModel):
     @model_validator(mode="after")
     def _start_is_known(self) -> Self:
         if unknown := [name for name in self.clear if name not in self.start]:
-            raise ValueError(f"every joint in clear needs a position in start, but {', '.join(unknown)} has none")
+            raise ValueError(f"every joint in `clear` needs a position in `start`, but {', '.join(unknown)} has none")
         return self
 
 

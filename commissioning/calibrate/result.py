@@ -179,7 +179,8 @@ def pressed_counts(joint: Joint, travel: Travel) -> float:
     """Return the distance by which the joint was pressed into each of its stops, in counts.
 
     This is half of the difference between the travel and the URDF's range. The result is 0 if the travel is not longer
-    than the range, or so much longer that the actual stops must differ from the URDF.
+    than the range. The result is also 0 if the travel exceeds the range by so much that the actual stops must differ
+    from the stops in the URDF.
     """
     longer = travel.span * unit(joint) - (joint.limits.upper - joint.limits.lower)
     return 0.5 * longer / unit(joint) if 0.0 < longer <= PRESSED_RAD * joint.transmission else 0.0

@@ -122,8 +122,8 @@ def _statements(file: Path) -> str:
 
 
 USUAL_GROUP: Final = "dialout"
-"""Group that owns serial devices on Debian and its derivatives. Joining this group is safer than running as root, which
-permits far more."""
+"""Group that owns serial devices on Debian and its derivatives. Joining this group is safer than running as root,
+because a program that runs as root has far more permissions."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,8 +129,8 @@ def _check_arrived(servo: FoundServo, register: Register, found: int | None, for
 
 
 RESTART_S: Final = 1.0
-"""Time allowed for the restart of a servo, in seconds. The maximum times specified by Feetech and ROBOTIS are
-shorter."""
+"""Time allowed for the restart of a servo, in seconds. The maximum times specified by Feetech and ROBOTIS are shorter
+than this."""
 DEAF_S: Final = 0.05
 """Maximum time until a restart begins, in seconds."""
 PATIENCE_S: Final = 4.0

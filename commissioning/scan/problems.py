@@ -66,7 +66,7 @@ def line_trouble(
             else Problem("no_state", _no_state_text(identity))
         )
     if failed >= BAD_SHARE * kinds.total():
-        advice = line_advice(port, "the plugs of the cables and the supply")
+        advice = line_advice(port, "the plugs of the cables, and the supply")
         return Problem("bad_line", f"many of its replies are lost or corrupted: check {advice}")
     return None
 

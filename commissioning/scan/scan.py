@@ -32,7 +32,7 @@ MORE_TRIES: Final = 3
 """Number of additional pings per ID after a reply, because an unreliable bus may lose one packet in five."""
 
 Progress = Callable[[int, int, str, Sequence[ScannedServo]], None]
-"""Progress callback. Its arguments are the step number, the number of steps, the description of the step, and the
+"""Progress callback. The arguments are the step number, the number of steps, the description of the step, and the
 servos found so far."""
 
 

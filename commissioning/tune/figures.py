@@ -19,7 +19,8 @@ BAND_SHARE: Final = 0.02
 BAND_COUNTS: Final = 2.0
 """Maximum distance of a settled joint from its position at rest, in counts. The larger of the two limits applies."""
 SHAKES_COUNTS: Final = 4.0
-"""Maximum oscillation at rest, in counts. Encoder steps and a dead zone of one count cause less oscillation."""
+"""Maximum oscillation at rest, in counts. Encoder steps and a dead zone of one count alone cause less oscillation than
+this."""
 ARRIVED: Final = 1e-9
 
 
@@ -55,7 +56,7 @@ class Response:
     rest_error: float
     """The command minus the position at rest."""
     swing: float
-    """Distance between the outermost positions at rest."""
+    """Difference between the highest and the lowest position at rest."""
     swing_hz: float
 
 

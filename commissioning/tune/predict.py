@@ -32,7 +32,8 @@ LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
 """Range of inertias, in fractions of full drive per count/s². A bare STS3215 has 7e-6."""
 HALVINGS: Final = 24
 CLEAR_COUNTS: Final = 2.0
-"""Minimum overshoot from which the inertia can be determined. Encoder steps alone may cause a smaller overshoot."""
+"""Minimum overshoot from which the inertia can be determined. Encoder steps alone may cause an overshoot below this
+value."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,9 +71,9 @@ class ControllerCycle:
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
 
     def take(self, index: list[int]) -> None:
-        """End the relief of the interfaces at ``index``, because a controller is claiming them.
+        """End each relief that uses an interface at ``index``, because a controller is claiming this interface.
 
-        The joints of these interfaces stop first.
+        The joints whose relief has ended first come to rest.
         """
         for ended in self.leaving.end(index):
             self.stop(ended)

@@ -182,7 +182,8 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         The YAML file, and the ``ros__parameters`` of each node (``arm``, ``/ns/arm``, ``/**``) in file order.
 
     Raises:
-        error: The file contains errors that rcl also rejects. The message lists all errors with their line numbers.
+        error: The file contains errors because of which rcl would also reject it. The message lists all errors with
+            their line numbers.
     """
     file = compose(path, error)
     reader = _Reader(file)

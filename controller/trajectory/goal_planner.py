@@ -135,9 +135,9 @@ def first_ahead(times_s: FloatArray, now_s: float) -> int:
 def joined_at(times_s: FloatArray, now_s: float) -> int:
     """Return the index of the point at which moving joints join a path.
 
-    This is the first point that leaves the joints enough time, or the previous point if that point is far away. A
-    motion to a point that is too close in time ends late, and a stream of short paths would fall further behind with
-    each message.
+    The result is the first point that leaves the joints enough time. If that point is more than twice ``JOINS_S``
+    ahead, the result is the point before it, unless the time of that earlier point has passed. A motion to a point that
+    is too close in time ends late, and a stream of short paths would fall further behind with each message.
     """
     index = first_ahead(times_s, now_s + JOINS_S)
     return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))

@@ -10,12 +10,12 @@ from hal.types import FloatArray
 RESTS_S: Final = 0.09
 """Minimum time for which a joint must stay in place to count as at rest, in seconds (two cycles at 20 Hz).
 
-A joint that reverses its direction stays in place for less time.
+A joint that reverses its direction stays in place for less time than this.
 """
 HELD_S: Final = 0.25
 """Minimum time for which a joint must rest away from its command to count as blocked, in seconds.
 
-A joint that is catching up with its command rests for less time.
+A joint that is catching up with its command rests for less time than this.
 """
 LONGEST_REST_S: Final = 1.0
 """Maximum time that a goal waits for its joints to come to rest, in seconds. After this time, the goal ends even if

@@ -68,7 +68,8 @@ class Bounded:
 class Slowing:
     """A path on which time slows down until it stops.
 
-    ``progress`` is a one-dimensional motion: the time on the path. Until ``delay_s``, time passes at ``rate``.
+    ``progress`` is a one-dimensional motion whose position is the time on the path. Until ``delay_s``, the time on the
+    path advances at ``rate``.
     """
 
     path: Path

@@ -22,7 +22,8 @@ class StretchLog:
         self._unlogged = 0
 
     def log(self, goal: TrajectoryGoal, path: Path, now_s: float) -> None:
-        """Log that the limits stretch a goal's path, unless the goal belongs to a stream with a recent warning.
+        """Log a warning that the limits stretch a goal's path, unless the goal came from the topic shortly after such a
+        warning.
 
         Args:
             goal: The goal.

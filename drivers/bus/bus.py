@@ -389,7 +389,7 @@ class Bus:
         # A broadcast comes first, so that no servo waits for another's timeout. Acknowledged writes follow.
         if servo_ids:
             self._line.send(self._servos.torque_off(servo_ids))
-        failed, released = list[ServoError](), list[int]()
+        failed: list[ServoError] = []
         for _ in range(ATTEMPTS):
             failed = []
             for servo_id in servo_ids:
@@ -397,11 +397,9 @@ class Bus:
                     self.write(servo_id, self._servos.series(servo_id).torque_enable, 0)
                 except ServoError as error:
                     failed.append(error)
-                else:
-                    released.append(servo_id)
+            if self._turns:
+                self._turns.released(set(servo_ids) - {error.servo_id for error in failed})
             servo_ids = [error.servo_id for error in failed]
-        if self._turns:
-            self._turns.released(released)
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:

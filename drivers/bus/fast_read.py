@@ -114,7 +114,8 @@ class FastReads:
         self._failures_in_a_row = 0
 
     def failed(self) -> None:
-        """Record a failure. Plain sync reads are used for a while, or permanently after too many failures."""
+        """Record a failure. After it, plain sync reads are used for ``OPEN_S``, or permanently after ``FAST_TRIES``
+        consecutive failures."""
         self._paused_until_s = self._line.now() + OPEN_S
         self._failures_in_a_row += 1
         if self._failures_in_a_row == FAST_TRIES:

@@ -15,7 +15,8 @@ class ReplyAssembler:
     """Number of bytes in a reply in addition to its data."""
     decoder: Decoder
     ambiguous: frozenset[int] = frozenset()
-    """Servos whose rejection may belong to an earlier request, so that a reply may still arrive."""
+    """Servos whose rejection may belong to an earlier request. After such a rejection, the reply to this request may
+    still arrive."""
     replies: list[Reply] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
 

@@ -21,9 +21,9 @@ class Turns:
         self._whole_turns: dict[int, int] = {}
         """Whole turns in the readings of each servo, in counts."""
         self._unconfirmed: dict[int, int] = {}
-        """Whole turns in the latest reading of each servo, in counts, if not confirmed yet."""
+        """Whole turns in the latest reading, in counts, of each servo whose number of turns is not confirmed yet."""
         self._positions: dict[int, int] = {}
-        """Last position of each servo without whole turns, in counts, whose number of turns is confirmed."""
+        """Last position without whole turns, in counts, of each servo whose number of turns is confirmed."""
         self._driven: set[int] = set()
         """Servos whose torque may be enabled."""
 

@@ -50,7 +50,7 @@ class LimitCycle:
         self.swinging = False
         """Whether the joint oscillates, or has oscillated since its command came to rest."""
         self.offset = 0.0
-        """Offset of the goal."""
+        """Offset of the goal from the command, in rad or m."""
 
     def update(self, error: float, loose: bool, dt_s: float) -> None:
         """Detect an oscillation and update the offset.

@@ -18,11 +18,11 @@ LOG = logging.getLogger("servoloop.nodes")
 
 PARAMETER: Final = "max_message_size"
 GOALS_PER_S, BURST = 100.0, 10
-"""Number of goals that are read per second from all clients, and in one burst from one client. Reading a goal takes a
-few milliseconds."""
+"""Maximum number of goals that are read per second from all clients together, and maximum number in one burst from a
+single client. Reading a goal takes a few milliseconds."""
 REFUSALS_PER_S, REFUSALS_AT_ONCE = 100.0, 5
-"""Number of rejections that are sent per second and in one burst. Further rejections are delayed, without delaying
-other responses."""
+"""Maximum number of rejections that are sent per second, and maximum number in one burst. Further rejections are
+delayed, without delaying other responses."""
 STATUSES_PER_S, STATUSES_AT_ONCE = 5.0, 10
 """Rate and burst size of an action's status messages. Each status message contains all goals of the last 10 s."""
 REPORT_INTERVAL_S: Final = 1.0

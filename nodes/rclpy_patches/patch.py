@@ -17,7 +17,7 @@ class Patch:
     name: str
     versions: frozenset[str]
     loss: str
-    """Limitation of the stack without the patch, phrased as a clause for the warning."""
+    """Effect of the missing patch on the stack, phrased as a clause for the warning."""
     differences: Callable[[], Iterable[str]]
     """Function that lists differences between the installed and the supported rclpy. The function may raise any
     exception."""

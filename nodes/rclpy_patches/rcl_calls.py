@@ -267,7 +267,7 @@ def _taken_by(function: Any, pointer: int, request_id: _RequestId, raw: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Refusal:
-    """Pending rejection of a goal that was not read."""
+    """Pending rejection of a request that was not read."""
 
     server: Any
     kind: Any

@@ -35,7 +35,7 @@ class PathRequest:
 def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> PathRequest:
     """Return a request with only its valid goals, which are within the limits and free of contacts.
 
-    If some goals have the full padding, the other goals are omitted.
+    If at least one goal has the full padding, all goals without the full padding are omitted.
 
     Raises:
         PlanningError: The start or every goal is outside the limits or in contact, or there is no goal.

@@ -95,7 +95,7 @@ class MotionGoal:
     positions: tuple[tuple[float, ...], ...]
     """k points with n positions each, in rad or m."""
     velocities: tuple[tuple[float, ...], ...] = ()
-    """k points with n velocities each, in rad/s or m/s. If empty, the controller chooses the velocities."""
+    """k points with n velocities each, in rad/s or m/s. If there are none, the controller chooses the velocities."""
 
 
 class MotionProgress(Protocol):

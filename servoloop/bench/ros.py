@@ -37,7 +37,7 @@ A change of a twentieth of this distance, which is three counts of an STS servo,
 
 @dataclass(frozen=True, slots=True)
 class RosRun:
-    """Results and data of the ROS measurement, in seconds."""
+    """Results of the ROS measurement, and the measured times from which they were computed, in seconds."""
 
     figures: RosFigures
     ages_s: Sequence[float]

@@ -76,8 +76,8 @@ class Promises(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     examined: tuple[str, ...] = tuple(kind.name for kind in ALL if kind.promised)
-    """Names of invariants. The default is all invariants except those that apply to client types found in few
-    scenarios."""
+    """Names of invariants. The default is all invariants except those whose conditions only some clients and arms can
+    reach."""
     visits: tuple[PromisedVisit, ...] = ()
 
     @field_validator("examined")

@@ -14,7 +14,7 @@ from servoloop.campaign.supervised import Loss, Supervisor, blocked_signals
 
 T = TypeVar("T")
 Run = Callable[[int], T]
-"""Function that runs a seed."""
+"""Function that executes the run of a seed and returns its result."""
 Lost = Callable[[int, Loss], T]
 """Function that returns the result of a seed whose run was lost."""
 Stop = Callable[[], bool]

@@ -42,7 +42,7 @@ class CommandServer:
 
         Args:
             path: Path of the socket.
-            requests: Handlers of the messages.
+            requests: Object that handles the messages.
 
         Raises:
             LiveError: The socket cannot be created.

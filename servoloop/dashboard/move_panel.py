@@ -41,7 +41,8 @@ class Handling:
         self._pid: int | None = None
 
     def begin(self, pid: int) -> None:
-        """Begin a connection to the stack with this process ID, and ignore held buttons.
+        """Begin a connection to the stack with this process ID. A button that is held now has no effect until it is
+        pressed again.
 
         A requested stop that has not been sent remains if the connection is to the same stack as before.
         """

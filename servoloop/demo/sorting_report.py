@@ -58,8 +58,8 @@ def print_sorting(report: SortingReport, console: Console) -> None:
         table.add_row(*_cells(apple))
     console.print(table)
     console.print(
-        "The grades are the true grade and the grade seen by the camera. The camera measures the diameter, the red "
-        "fraction and the fraction of spots, each shown with its error. The last column is the time from the camera "
+        "The table shows the true grade and the grade that the camera saw. The camera measures the diameter, the "
+        "red fraction and the spot fraction, each shown with its error. The last column is the time from the camera "
         "image to the start of the job."
     )
     delay_s, missed = report.median_picture_to_goal_s, report.loop["missed_cycles"]

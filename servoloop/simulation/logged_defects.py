@@ -13,7 +13,7 @@ LOGGER: Final = "servoloop"
 class LoggedDefects(logging.Handler):
     """Context that keeps the first exception that the stack logs with a traceback. Injected errors do not count.
 
-    The context also receives errors while logging is disabled. They are still not printed.
+    The context also receives errors while logging is disabled. These errors are still not printed.
     """
 
     def __init__(self) -> None:

@@ -82,7 +82,7 @@ class InjectedError(Exception):
 
 
 class Upsettable:
-    """Wrapper that makes a controller fail on request. All other calls are forwarded to the controller."""
+    """Wrapper that makes a controller fail on request, and otherwise forwards all calls to the controller."""
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[ControllerFault, float]] = []
@@ -155,8 +155,7 @@ class Upsettable:
 
 
 class StackFaults:
-    """Stack as a target of a ``FaultPlayer``, which can inject faults into the computer, the controllers and the arm's
-    client."""
+    """Target through which a ``FaultPlayer`` injects faults into the computer, the controllers and the arm's client."""
 
     def __init__(
         self,

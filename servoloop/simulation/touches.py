@@ -1,4 +1,5 @@
-"""Track which joints are affected by injected faults, and when. Invariants may excuse only affected joints."""
+"""Track which joints are affected by injected faults, and when. A fault may exempt only these joints from
+invariants."""
 
 import math
 from collections import defaultdict

@@ -128,7 +128,7 @@ class ControlStack:
             try:
                 action()
             except Exception:  # The arm must be stopped in any case.
-                LOG.exception("internal error while %s prepared for the end of the stack", name)
+                LOG.exception("internal error in %s before the end of the stack", name)
         park = self.files.robot.file.park
         pose, scale = (park.pose, park.velocity_scale) if park else (None, 1.0)
         if return_to is not None:

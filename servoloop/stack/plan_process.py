@@ -23,8 +23,8 @@ LOG: Final = logging.getLogger("servoloop")
 def planning_server(files: Files, *, sim_time: bool) -> Iterator[None]:
     """Run the planning server of an arm alongside its stack.
 
-    If the server exits early, the stack continues. At the end of the context, the server stops its motions along their
-    paths.
+    If the server exits early, the stack continues. At the end of the context, the server slows its motions down along
+    their paths, and exits.
 
     Args:
         files: Files of the arm.

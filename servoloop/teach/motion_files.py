@@ -89,9 +89,7 @@ class MotionFile(BaseModel):
         times = [point.at_s for point in self.points if point.at_s is not None]
         velocities = len(self.joints) if times else 0
         if times and (len(times) != len(self.points) or len(times) < 2 or times[0] != 0.0):
-            raise ValueError(
-                "a path needs at least two points, all with at_s, the first at 0; poses must not have at_s"
-            )
+            raise ValueError("a path needs at least two points, all with at_s, starting at 0; poses must not have at_s")
         if any(later <= before for before, later in pairwise(times)):
             raise ValueError("at_s must increase from point to point")
         for number, point in enumerate(self.points):

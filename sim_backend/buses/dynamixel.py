@@ -2,7 +2,8 @@
 
 According to the e-manual, ping is the only broadcast instruction that servos reply to; all servos reply in turn. The
 servos reply to a sync read or a bulk read in the order in which the instruction lists them. The reply to a fast read is
-a single packet to which each servo adds its block. The checksums of the blocks confirm "integrity between Dynamixels".
+a single packet to which each servo adds its block. According to the e-manual, the checksum of each block confirms the
+"integrity between Dynamixels".
 
 According to ROBOTIS (DynamixelSDK issues 331 and 364, observed with a logic analyzer), each servo waits until it has
 received the reply of the servo listed before it. A silent servo therefore prevents all servos listed after it from

@@ -1,7 +1,7 @@
 """Virtual bus that implements ``drivers.port.Port`` without using the operating system.
 
-On a simulated clock, a read advances the time to when the bytes arrive. The real driver therefore runs in one thread,
-faster than real time, and every run produces the same bytes.
+On a simulated clock, a read advances the clock to the time at which the bytes arrive. The real driver therefore runs in
+one thread, faster than real time, and every run produces the same bytes.
 """
 
 from collections import deque

@@ -18,8 +18,8 @@ from sim_backend.line.power import restart
 BEARABLE_C: Final = 70.0
 """Maximum temperature at which a servo with factory settings drives its motor, in degrees Celsius."""
 FEWEST_TURNS: Final = 0.02
-"""Minimum fraction of turns that remain in a shorted winding. With fewer turns, the motor would short-circuit the bus's
-supply, which is not modeled."""
+"""Minimum fraction of a winding's turns that a short leaves intact. With fewer turns, the motor would short-circuit the
+bus's supply, which is not modeled."""
 
 
 class Silent(OfServo, Lasting):

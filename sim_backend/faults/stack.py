@@ -43,7 +43,7 @@ class LoopStall(_OfStack):
 
 
 class _OfController(_OfStack, Lasting):
-    """A controller's update fails in each cycle."""
+    """A fault that disturbs a controller in each cycle."""
 
     HOW: ClassVar[ControllerFault]
     controller: str | None = None
@@ -132,7 +132,8 @@ class _OfClient(Momentary, _OfStack):
 
 
 class ClientNonsense(_OfClient):
-    """A client sends an invalid goal: NaN, joints that do not exist, or positions beyond the limits."""
+    """A client sends an invalid goal, for example with NaN, with joints that do not exist, or with positions beyond the
+    limits."""
 
     kind: Literal["client_nonsense"] = "client_nonsense"
     DOES = "nonsense"

@@ -43,7 +43,7 @@ class MotorConstants:
     thermal_time_s: float = 400.0
     ambient_c: float = 27.0
     gears: Gears | None = None
-    """Identified gears; None if the plant uses its own values."""
+    """Identified gears; None to keep the friction and the rotor inertia of the plant."""
 
     @classmethod
     def of(cls, model: ServoModel, stall_current_a: float = STALL_CURRENT_A) -> "MotorConstants":

@@ -82,7 +82,7 @@ def test_the_other_benchmarks_print_their_figures(arguments: tuple[str, ...], wo
         ("benchmarks.simulator new --ids 1,1", "--ids must list each ID only once, not '1,1'"),
         ("benchmarks.simulator new --make sts3215", "argument --make: invalid choice: 'sts3215'"),
         ("benchmarks.simulator new --paced -5", "argument --paced: must be a whole number of at least 1, not '-5'"),
-        ("benchmarks.simulator new --silence 3", "argument --silence: must be an ID with two times"),
+        ("benchmarks.simulator new --silence 3", "argument --silence: must be a servo ID and two times"),
         ("benchmarks.simulator taken", "argument link: taken exists and is not a symbolic link: choose another path"),
         (
             "benchmarks.two_ports --serve taken",

@@ -1,4 +1,4 @@
-"""The motion test of the doctor finds gears, sag, oscillation and weak supplies, and releases the arm."""
+"""The doctor's motion test finds wrong gears, sag, oscillation and weak supplies, and then releases the arm."""
 
 from collections.abc import Callable
 from typing import Any

@@ -49,7 +49,8 @@ def test_a_joint_settles_only_after_resting_for_some_time() -> None:
 
 
 def test_an_unmeasured_joint_has_neither_stalled_nor_arrived() -> None:
-    """A stall of four cycles must not start the arm while its fingers are still open."""
+    """While a finger is not measured, here for four cycles, it must not count as settled. Otherwise, the arm would
+    start while its fingers are still open."""
     silent = replace(state(0.0), faults={"finger": JointFault("silent", "servo 7 does not respond")})
     moving, there = state(0.2, 0.9), state(0.5)
     assert looked(0.5, state(0.0), *[silent] * 4, moving, there) == [False] * 6 + [True]

@@ -26,7 +26,8 @@ lags = st.tuples(st.floats(0.0, 0.1), st.one_of(st.just(np.inf), st.floats(10.0,
 def test_each_command_leads_by_the_lag_of_its_servo(
     one: tuple[float, ...], other: tuple[float, ...], at_s: float, rate: float, lead_s: float
 ) -> None:
-    """The lead consists of a time, the braking distance and the rotor's inertia, and never leaves the limits."""
+    """The lead is the sum of three parts: lag time times velocity, the braking distance, and an inertia factor times
+    acceleration. The leading command stays within the limits."""
     limits, of_joints = [ARM_LIMITS] * 2, np.array([one, other]).T
     start, end = (Kinematics.at_rest(np.array(position)) for position in ((0.0, 1.9), (1.95, -1.9)))
     sampler = TrajectorySampler(limits, rate, of_joints)

@@ -27,7 +27,7 @@ NAN = float("nan")
 
 
 class Puppet:
-    """Controller of all joints that commands the values of a test."""
+    """Controller that commands the values of a test to all joints."""
 
     name = "puppet"
     kind = "test"

@@ -472,7 +472,8 @@ def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: An
 
 
 def test_a_reset_before_any_packet_never_causes_a_wrong_value() -> None:
-    """The servo is reset before each packet in turn: while the map is written, read back and written again."""
+    """In each run, the servo is reset before a different packet, including the packets that write the map, read it back
+    and write it again."""
     for when in range(40):
         line = TrueLine({1: x.XL430_W250, 2: x.XM430_W350})
         sent = 0

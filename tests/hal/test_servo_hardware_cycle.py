@@ -375,7 +375,7 @@ def test_a_servo_that_answers_again_catches_up_in_half_a_second() -> None:
 
 
 def test_a_servo_that_was_blocked_does_not_jump() -> None:
-    """The servo has answered all the time, so only its position shows that it lags behind."""
+    """The servo replies in every cycle, so only its position shows that it lags behind its goals."""
     bench = Bench().active()
     for share in np.linspace(0.05, 0.5, 10):
         bench.place((2048, 2000, 1500))

@@ -1,4 +1,5 @@
-"""Tests of read durations, goal speeds and signs in a cycle."""
+"""Test the numbers of a cycle: durations of reads, limits of goal speeds, and the joint and sign of each measured
+value."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""In every cycle, states are published and the last command is written again, as seen from another process."""
+"""Seen from another process, states are published and the last command is written again in every cycle."""
 
 import math
 import os

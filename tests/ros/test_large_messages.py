@@ -1,4 +1,5 @@
-"""Messages that are too large are rejected before they are read. The client receives a response."""
+"""Messages that are too large are rejected before they are read. Clients of services and actions still receive a
+response."""
 
 from collections.abc import Iterator
 from typing import Any

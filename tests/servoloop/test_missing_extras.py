@@ -118,7 +118,7 @@ OPTIONAL: Final = {
     "arms new mine robot.urdf": "sim",
     "arms combine left=so101 right=so101 --out two": "sim",
 }
-"""Commands that omit a part if an extra is missing, and report this."""
+"""Commands, each with an extra. Without the extra, the command omits a part of its work and reports the omission."""
 
 
 @pytest.fixture

@@ -1,4 +1,5 @@
-"""Backlash between motor and link: the free travel of a link, the encoder, and the total inertia and friction."""
+"""Test the backlash between motor and link: the free travel of the link, what the encoder measures, and how inertia and
+friction are split."""
 
 import mujoco
 import numpy as np

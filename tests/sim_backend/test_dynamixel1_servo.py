@@ -17,7 +17,7 @@ both_kinds = pytest.mark.parametrize("model", [dxl.AX_12A.name, dxl.MX_28.name])
 
 
 class Bench(ReadEachBench):
-    """Three servos with the load of an arm."""
+    """Three servos, each with the inertia and the friction of a joint in an arm."""
 
     def __init__(self, model: str) -> None:
         plant = BenchPlant(IDS, inertia_kg_m2=0.024, friction_nm=0.06, damping_nm_s=0.0)

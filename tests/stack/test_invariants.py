@@ -137,7 +137,7 @@ def test_a_gate_that_passes_a_wrong_command(
     assert any(one.invariant == "safe commands" and text in one.text for one in violations), violations
 
 
-@pytest.mark.parametrize(("off", "text"), [(300, "leaps"), (4000, "is outside")])
+@pytest.mark.parametrize(("off", "text"), [(300, "jumps"), (4000, "is outside")])
 def test_a_driver_that_sends_a_wrong_goal(monkeypatch: pytest.MonkeyPatch, off: int, text: str) -> None:
     """The violation is found in the bytes on the bus."""
     stacks: list[FaultyStack] = []

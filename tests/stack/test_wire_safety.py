@@ -168,7 +168,7 @@ def test_monitor_detects_unsafe_writes() -> None:
     bus = Bus(rig.port, rig.clock)
     assert scenario.monitor.broken == []
     bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0))})  # the servo moves as fast as it can
-    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400, 500)})  # the goal leaps
+    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400, 500)})  # the goal jumps
     bus.write_goals(
         {joint.servo_id: ServoGoal(joint.counts_range()[1] + 1, 500)}
     )  # the goal jumps and is outside the limits
@@ -176,9 +176,9 @@ def test_monitor_detects_unsafe_writes() -> None:
     bus.torque_on(joint.servo_id)  # the goal is at a different position
     assert [one.text.split(" ")[:2] for one in scenario.monitor.broken] == [
         ["goal", "speed"],
-        ["goal", "leaps"],
+        ["goal", "jumps"],
         ["goal", f"{joint.counts_range()[1] + 1}"],
-        ["goal", "leaps"],
+        ["goal", "jumps"],
         ["torque", "enabled"],
     ]
 

@@ -25,7 +25,7 @@ MOVED = 0.02
 
 @pytest.fixture
 def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
-    """Serve virtual servos, with a separate folder for running stacks."""
+    """Serve virtual servos, and use a separate folder for the files of running stacks."""
     find_chromium()
     with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), emulating(tmp_path) as link:
         patch.chdir(tmp_path)

@@ -115,7 +115,7 @@ def _torque(bus: BusSnapshot) -> Iterator[Finding]:
                 "reset by a power dip or released its torque to protect itself, or another program disabled its "
                 "torque. Support the arm, disable the torque of all servos, and start the arm again"
             )
-            yield finding("torque_lost", place, "one joint is limp while the others hold", cause)
+            yield finding("torque_lost", place, "one joint is limp while the others hold their positions", cause)
     yield from (_reset(bus, servo) for servo in holding if _has_forgotten(servo, holding))
 
 

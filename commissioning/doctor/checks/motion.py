@@ -10,7 +10,7 @@ from commissioning.drive_trial import STUCK_SHARE, TrialMotion
 from hal.joint import Joint
 
 SHAKES_COUNTS: Final = 12.0
-"""Maximum oscillation at rest, in counts (about 1 degree). Backlash alone causes less oscillation."""
+"""Maximum oscillation at rest, in counts (about 1 degree). Backlash alone causes less oscillation than this."""
 GIVES_WAY: Final = 2.0
 """Maximum position error, as a multiple of the error explained by stiffness, dead band and friction."""
 SPEED_FACTOR: Final = 1.5

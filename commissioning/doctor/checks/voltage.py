@@ -64,7 +64,7 @@ def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
         value = round((allowed[0] if lowest < limits[0] else allowed[1]) / UNIT_V)
         command = write(servo, wrong, value)
         yield finding(
-            "voltage_limits_wrong", place, "'input voltage error' although the supply is right", cause, command
+            "voltage_limits_wrong", place, "'input voltage error' although the supply voltage is right", cause, command
         )
 
 

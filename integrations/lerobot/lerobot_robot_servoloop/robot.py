@@ -49,7 +49,7 @@ class ServoloopRobot(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the robot is connected. A connection that was lost counts as connected until ``disconnect`` is
+        """Whether the robot is connected. A robot whose connection was lost counts as connected until ``disconnect`` is
         called."""
         return self._arm is not None
 

@@ -35,8 +35,8 @@ class ServoloopTeleoperator(Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the leader is connected. A connection that was lost counts as connected until ``disconnect`` is
-        called."""
+        """Whether the leader is connected. A leader whose connection was lost counts as connected until ``disconnect``
+        is called."""
         return self._arm is not None
 
     @property

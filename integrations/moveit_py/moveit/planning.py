@@ -164,7 +164,8 @@ class PlanningComponent:
             motion_plan_constraints: Alternative goals.
 
         Raises:
-            ValueError: No goal or more than one goal is given, or a pose or a link is given alone.
+            ValueError: No goal or more than one goal is given, or only one of ``pose_stamped_msg`` and ``pose_link`` is
+                given.
         """
         _require_one(
             "goal",

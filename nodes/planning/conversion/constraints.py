@@ -138,7 +138,7 @@ class ConstraintReader:
     ) -> ToolGoal:
         names = {one.link_name for one in (position, orientation) if one is not None and one.link_name}
         if len(names) > 1:
-            raise _invalid(f"a goal has poses of {' and '.join(sorted(names))}: send the pose of one link")
+            raise _invalid(f"a goal has poses of the links {' and '.join(sorted(names))}: send the pose of one link")
         name = next(iter(names), self.tip)
         offset_m = vector_of(position.target_point_offset) if position is not None else (0.0, 0.0, 0.0)
         if not all(map(math.isfinite, offset_m)):

@@ -165,7 +165,7 @@ class SafeCommands(Invariant):
         safe = (lower <= before) & (before <= upper) & (lower <= wanted) & (wanted <= upper)
         safe &= np.abs(wanted - before) <= self._velocity[place] * loop.period_s
         for at in np.flatnonzero(safe & ~(np.abs(command - wanted) <= ROUNDING)).tolist():
-            self.say(f"the command of {arm.joints[at]} is {wanted[at]:.4f}, but the gate passes {command[at]:.4f}")
+            self.say(f"{arm.joints[at]} is commanded to {wanted[at]:.4f}, but the safety gate passes {command[at]:.4f}")
 
     def _examine_starts(self, upset: bool) -> None:
         """Check that a controller starts where the joints of the previous controller have stopped.

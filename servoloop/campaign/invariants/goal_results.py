@@ -37,7 +37,7 @@ ARRIVED: Final = 0.02
 """Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks a servo reading against
 the tolerance."""
 RESTS_SHARE: Final = 0.05
-"""Maximum speed of a joint at rest, as a fraction of its velocity limit. It includes a slow oscillation."""
+"""Maximum speed of a joint at rest, as a fraction of its velocity limit. This limit allows a slow oscillation."""
 OSCILLATES_S: Final = 0.9
 """Time after the end of a path from which a goal may succeed although its joints move, in seconds."""
 TOUCHED_S: Final = 1.0
@@ -56,8 +56,8 @@ The goal ends only after its joints are at rest and relieved.
 class AbortsAreTrue(Invariant):
     """A joint named in the abort message has really deviated from its path or could not be measured.
 
-    The error code of a result agrees with its status and its message. A goal on its path is aborted without an error of
-    the arm only if a newer goal replaces it, or if its controller becomes inactive.
+    The error code of a result agrees with its status and its message. If the arm has no fault, a goal that follows its
+    path is aborted only if another goal replaces it or its controller becomes inactive.
     """
 
     name = "aborts are true"
@@ -222,7 +222,7 @@ class DeviationEnds(Invariant):
         period_s = self.stack.loop.period_s
         self._own_s[joint] = self._own_s[joint] + period_s if abs(off) > allowed + READING else 0.0
         if self._own_s[joint] > OWN_S:
-            self.say(f"a goal continues although {joint} is reported {abs(off):.3f} off its path, allowed is {allowed}")
+            self.say(f"a goal continues although {joint} is reported {abs(off):.3f} off its path ({allowed} allowed)")
 
     def _deviation(self, joint: str, wanted: float, true: float) -> float:
         """Return the smallest distance between the reference and a position that the servo may report."""

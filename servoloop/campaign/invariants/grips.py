@@ -108,7 +108,7 @@ class GripsAreFollowed(Invariant):
             return
         allowed = client.goals[-1].handle.goal.max_velocity
         if allowed and self._speed > FASTEST * allowed:
-            self.say(f"a gripper goal moves the command at {self._speed:.4f}, but its speed is {allowed:.4f}")
+            self.say(f"a gripper goal moves the command at {self._speed:.4f}, but at most {allowed:.4f} is allowed")
 
     def _creep(self, client: GripperClient) -> float:
         """Return the maximum distance that a joint at rest may move in a cycle, in rad or m."""

@@ -94,13 +94,13 @@ class ProgramsAreInformed(Invariant):
         unmeasured = {joint for joint in event["position"] if joint in state.faults}
         if set(event["unmeasured"]) != unmeasured or not unmeasured <= event["faults"].keys():
             self.say(
-                f"programs are informed that {event['unmeasured']} are not measured, instead of {sorted(unmeasured)}"
+                f"programs are informed that {event['unmeasured']} are not measured, but in fact {sorted(unmeasured)}"
             )
 
     def _compare(self, field: str, received: Mapping[str, float | None], true: Mapping[str, float]) -> None:
         for joint, value in received.items():
             if value != (true[joint] if math.isfinite(true[joint]) else None):
-                self.say(f"programs are informed that the {field} of {joint} is {value}, instead of {true[joint]}")
+                self.say(f"programs are informed that the {field} of {joint} is {value}, but it is {true[joint]}")
 
     def _examine_result(self, program: str, event: Mapping[str, Any]) -> None:
         kind = "motion" if event["event"] == "moved" else "goal"

@@ -213,6 +213,6 @@ class NanHolds(Invariant):
             self.examined += 1
             if held[place] != self._held[place]:
                 self.say(
-                    f"{self._names[place]} changes from {self._held[place]} to {held[place]}, but it is commanded NaN"
+                    f"{self._names[place]} changes from {self._held[place]} to {held[place]} although NaN is commanded"
                 )
         self._held = held

@@ -55,7 +55,7 @@ cycle."""
 
 
 class ReportedTruly(Invariant):
-    """The reported position of a joint without a fault matches its position in the simulated world in sign and scale.
+    """The reported position of a joint without a fault matches its position in MuJoCo, with the correct sign and scale.
 
     A joint whose servo cannot be read keeps its last reported position.
     """
@@ -223,7 +223,7 @@ class GoalsMeanCommands(Invariant):
             self._stands[joint] += 1
             if self._stands[joint] > STANDS_CYCLES and holding * offset < 0.0:
                 self.say(
-                    f"the goal of {joint} is off by {offset:+.4f}, but the effort to hold it, {holding:+.3f}, has the "
+                    f"the goal of {joint} is offset by {offset:+.4f}, but the holding effort, {holding:+.3f}, has the "
                     "opposite sign"
                 )
 
@@ -277,7 +277,7 @@ class GoalsMeanCommands(Invariant):
             last, self._last[joint.name] = self._last.get(joint.name, commands[joint.name]), meant
             if _outside(meant, low, high) > _outside(last, low, high):
                 self.say(
-                    f"{joint.name}: goal {counts} means {meant:.4f}, but the command is {commands[joint.name]:.4f}"
+                    f"{joint.name}: goal {counts} stands for {meant:.4f}, but the command is {commands[joint.name]:.4f}"
                 )
 
 

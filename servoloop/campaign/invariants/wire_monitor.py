@@ -140,7 +140,7 @@ class WireMonitor:
             self._report(joint, f"goal {goal} is outside {lower} to {upper}", taken_over)
         reach = joint.limits.velocity * self._period_s / abs(joint.units_per_count) + 1.0
         if before is not None and abs(goal - before) > reach and not begins:
-            self._report(joint, f"goal leaps from {before} to {goal}, more than {reach:.1f}", taken_over)
+            self._report(joint, f"goal jumps from {before} to {goal}, by more than {reach:.1f} counts", taken_over)
         known = joint.name in self._limp and joint.name not in self.enabled
         if limp and (known or self._activating()) and not begins:
             self._report(joint, f"limp at {position} but sent goal {goal}")

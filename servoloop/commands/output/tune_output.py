@@ -13,7 +13,8 @@ from commissioning.tune.report import TuneReport
 
 
 class _Row(NamedTuple):
-    """Row of the table: its name, its field in ``JointFigures`` and ``Predicted``, and whether it is a time."""
+    """Row of the table: its name, the field of ``JointFigures`` and ``Predicted`` that it shows, and whether this value
+    is a time."""
 
     name: str
     field: str

@@ -12,8 +12,8 @@ BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive 
 uses the same values. Assumed:
 - The I and D gains of an MX use the same unit of drive as P, with times in seconds and errors in counts.
 - The position loop of an AX is as stiff as that of an SCS servo, regardless of its compliance registers.
-- Overload means nearly full drive for two seconds. After an overload, the drive is zero until the torque switch is
-  written.
+- A servo reports an overload after two seconds of nearly full drive. After an overload, the drive is zero until the
+  torque switch is written.
 - Packets with a wrong checksum do not get a reply, and goals outside the limits are clipped.
 """
 
