@@ -3,7 +3,8 @@
 ``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7] [--baud 1000000 ...]``.
 
 The clients take turns in rounds, so that other load on the machine affects all of them equally. The table shows the
-median round of each client. The last table shows how a silent servo affects the other servos (``silent_servo``).
+medians over all rounds for each client. The last table shows how a silent servo affects the other servos
+(``silent_servo``).
 """
 
 import argparse

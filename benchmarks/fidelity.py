@@ -123,16 +123,16 @@ def steps() -> Iterator[Figure]:
     last = next(ms for ms, count in enumerate(large) if count >= 922)
     yield Figure("step of 1024: slope", "counts/s", 820e3 / (last - first), 3290, "hardware")
     settled = 1 + max(ms for ms, count in enumerate(large) if abs(count - 1024) > 3)
-    yield Figure("step of 1024: within 3 counts after", "ms", settled, 410, "hardware")
+    yield Figure("step of 1024: time until within 3 counts", "ms", settled, 410, "hardware")
     why = "no rotor inertia that matches the other values causes this overshoot, and neither does the sources' model"
     yield Figure("step of 1024: overshoot", "counts", max(large) - 1024, 11, "hardware", why)
     reached = next(ms for ms, count in enumerate(small) if count >= 99)
-    yield Figure("step of 100: at the goal after", "ms", reached, 78, "hardware")
+    yield Figure("step of 100: time until at the goal", "ms", reached, 78, "hardware")
     yield Figure(
         "step of 100: overshoot", "counts", max(small) - 100, 4, "hardware", "the difference is only one count"
     )
     why = "friction was identified in motion; static friction is not modeled"
-    yield Figure("step of 10: ends short by", "counts", 10 - curves[10][-1], 2, "hardware", why)
+    yield Figure("step of 10: final distance to the goal", "counts", 10 - curves[10][-1], 2, "hardware", why)
 
 
 def sag() -> Iterator[Figure]:
@@ -193,8 +193,8 @@ def streams() -> Iterator[Figure]:
 def protections() -> Iterator[Figure]:
     """Yield the time until a stall at 12 V is detected, and the remaining drive."""
     for name, limit, register, value in (
-        ("stall: overload after", 0, sts.status, 1 << 5),
-        ("stall with a limit of 2.0 A: torque off after", 310, sts.torque_enable, 0),
+        ("stall: time until overload", 0, sts.status, 1 << 5),
+        ("stall with a limit of 2.0 A: time until torque off", 310, sts.torque_enable, 0),
     ):
         bench = StsBench.at_12_v().unlimited()
         bench.write(sts.protection_current, limit)

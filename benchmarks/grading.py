@@ -30,7 +30,7 @@ from sim_backend.scene.picture import Picture
 SAME_M: Final = 0.02
 """Maximum distance between an apple and its result, in meters."""
 GRADED_SHARE: Final = 0.75
-"""Minimum visible fraction at which an apple must have a grade. Any grade is accepted for less visible apples."""
+"""Fraction of an apple that must be visible so that a grade is required. Less visible apples may have any grade."""
 MOST_APPLES: Final = 5
 
 

@@ -56,8 +56,8 @@ def make_folder(folder: Path) -> None:
 
 
 def require_file(path: Path) -> None:
-    """Raise DriverError if a file cannot be written at ``path``. Call this function before a run, not only at its
-    end."""
+    """Raise DriverError if a file cannot be written at ``path``. Call this function before a long run, so that the run
+    does not fail only when it writes its result."""
     if path.is_dir():
         raise DriverError(f"{path} is a folder: choose the name of a file")
     if _is_special(path):
@@ -74,7 +74,7 @@ def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Raise DriverError if a folder is not writable. Call this function before a run, not only at its end."""
+    """Raise DriverError if a folder is not writable. Call this function before a long run, as with ``require_file``."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -90,8 +90,8 @@ def require_offsets(joints: Sequence[Joint]) -> None:
     if other:
         models = " or ".join(f"{name}" for name in dict.fromkeys(one.model.name for one in other))
         raise CalibrationError(
-            f"LeRobot's files cannot be imported for this arm: {models} servos have no homing offset like the one in "
-            f"the file ({', '.join(one.name for one in other)}). Calibrate the arm with servoloop calibrate"
+            f"LeRobot's files cannot be imported for this arm: {models} servos do not have the homing offset that "
+            f"the file contains ({', '.join(one.name for one in other)}). Calibrate the arm with servoloop calibrate"
         )
 
 

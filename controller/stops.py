@@ -1,5 +1,5 @@
-"""Stop joints within their limits when their controller is deactivated during a motion, and let joints return to their
-limits before a controller commands them."""
+"""Stop joints within their limits when their controller is deactivated during a motion. Joints outside their limits
+return to the limits before a controller commands them."""
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence

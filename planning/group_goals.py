@@ -80,7 +80,7 @@ class GroupGoals:
         checks: tuple[Collisions, Margins] | None,
         kept: Valid = lambda _: True,
     ) -> list[FloatArray]:
-        """Return joint positions (n,) of the group that move a link to a pose, closest positions first.
+        """Return joint positions (n,) of the group that move a link to a pose, those closest to ``start`` first.
 
         Solutions whose clearance is below the padding are used only if there are no others. ``kept`` returns whether
         positions are allowed, apart from contacts. Raises PlanningError.

@@ -185,7 +185,7 @@ class GroupPlanner:
         """Return the first contact in the remainder of a motion of this group, or None.
 
         Args:
-            path: The motion.
+            path: Timed path of the motion.
             from_s: Time at which the check begins, in seconds since the start of the motion.
             state: Positions of all driven joints, used for joints of other groups.
             scene: The current scene.

@@ -119,7 +119,7 @@ class LineMotion:
     """A straight motion, which may end early."""
 
     motion: Motion | None
-    """The motion up to the point where it ends, or None if not even the first step is possible."""
+    """The part of the motion that is possible, or None if not even the first step is possible."""
     fraction: float
     """Fraction of the path through the waypoints that was completed, from 0 to 1."""
     reason: str = ""

@@ -195,7 +195,7 @@ class _Reader:
                 self._unknown(element, "group", group, groups)
             elif not name or name in found[group]:
                 self._problem(
-                    element, f"a state of {group} has no name, or the name of another state: give it a unique name"
+                    element, f"a state of {group} has no name, or the same name as another state: give it a unique name"
                 )
             else:
                 found[group][name] = self._state(element, groups[group])

@@ -16,7 +16,7 @@ from sim_backend.buses.build import Build
 from sim_backend.scene.picture import FilmRecorder
 
 GRADE = {"koch": "B"}
-"""Grade of the cube, keyed by arm name, if the grade is not A."""
+"""Grade of the cube, keyed by arm name. For all other arms, the grade is A."""
 
 PERIOD_S = 0.4
 """Simulated time between two frames of a video, in seconds."""

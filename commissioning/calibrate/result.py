@@ -20,7 +20,7 @@ PRESSED_RAD: Final = 0.08
 MISSING_RAD: Final = 0.04
 """Maximum angle by which a travel may be shorter than the URDF range, in rad of the servo's shaft.
 
-If the zero is in the middle of the travel, it is wrong by half of the missing angle.
+If the zero is defined as the middle of the travel, the error of the zero is half of the missing angle.
 """
 PLACE_RAD: Final = 0.05
 """Maximum distance between the middle of a travel and the middle of the URDF limits, in rad."""

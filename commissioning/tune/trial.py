@@ -11,7 +11,8 @@ from commissioning.tune.gains import TuneError
 from hal.joint import Joint
 
 LIFT_RAD: Final = 0.35
-"""Distance that a joint moves away from its start and from any support. This is more than the sag of a servo."""
+"""Distance by which a joint first moves away from its start, so that nothing supports it, in rad of the servo's shaft.
+The distance is larger than the sag of a servo."""
 STEP_RAD: Final = 0.15
 """Size of a step in rad (98 counts of an STS)."""
 LEAST_RAD: Final = 0.03

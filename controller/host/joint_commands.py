@@ -40,7 +40,7 @@ class JointCommands:
         """
         if not len(positions):
             raise RefusedCommandError(
-                "the command has no positions: declare a position command interface for each joint of ros2_control"
+                "the command has no positions: in <ros2_control>, declare a position command interface for each joint"
             )
         commanded = list(names) if len(names) == len(positions) else [name for name in names if name in self.joints]
         if len(commanded) != len(positions):

@@ -144,7 +144,7 @@ class StateReader:
     def _read_separately(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
         """After a failed fast read, read servos again with separate replies to find out which of them failed.
 
-        The servo that ended the fast read is asked last, because it would silence the servos after it again.
+        The servo at which the fast read ended is asked last. Otherwise, it could silence the servos after it again.
         """
         if not self._has_time(servo_ids, deadline_s):
             return {}

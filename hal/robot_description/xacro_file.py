@@ -13,7 +13,7 @@ SUFFIX: Final = ".xacro"
 """Suffix of xacro files."""
 _DECLARED: Final = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']")
 _QUOTED: Final = re.compile(r"expression '(.+?)'|name: (?:xacro:)?(\S+)|argument (?:'|\")?([\w-]+)|name '(\w+)'")
-"""Patterns for the parts of a xacro error message that also occur in the file."""
+"""Pattern for the part of a xacro error message that is quoted from the file."""
 _EXPRESSION: Final = re.compile(r"when evaluating expression '(.+?)'")
 _FIND: Final = ("AMENT_PREFIX_PATH", "ament_index_python", "PackageNotFound")
 """Strings that occur in the error messages about $(find PACKAGE)."""

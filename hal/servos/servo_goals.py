@@ -136,8 +136,8 @@ class _Servo:
     def _within_pull(self, wanted: int, here: int | None, reach: int, period_s: float) -> int:
         """Limit how far the goal of a blocked or overloaded joint can be ahead of its position.
 
-        The limit is the maximum lag of a free joint at this speed. A goal further ahead would not increase the torque,
-        and the joint would jump as soon as it becomes free.
+        The limit is the maximum lag of a joint that moves freely at the measured speed. A goal beyond this limit would
+        not increase the torque, but the joint would jump to it as soon as the joint becomes free.
         """
         if here is None:
             self.behind = 0

@@ -125,7 +125,7 @@ def check_goal_current(joint: Joint, bus: Bus) -> None:
         raise ServoRefused(
             joint.servo_id,
             "would have no torque, because its goal_current is 0 in current-based position mode (5): reboot the servo "
-            "(servoloop reboot), which restores the current limit",
+            "(servoloop reboot), which sets goal_current back to the current limit",
         )
 
 
@@ -141,7 +141,7 @@ def warn_of_goal_current(joint: Joint, bus: Bus) -> None:
     if held < limit:
         LOG.warning(
             "%s (servo %d) is in current-based position mode, and another program has set its goal_current to %d of "
-            "%d: the joint is weaker than usual. To restore the current limit, reboot the servo (servoloop reboot)",
+            "%d: the joint is weaker than usual. To reset goal_current, reboot the servo (servoloop reboot)",
             *(joint.name, joint.servo_id, held, limit),
         )
 

@@ -257,8 +257,8 @@ def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
         if joint.seam_inside:
             raise ServoRefused(
                 joint.servo_id,
-                f"does not support {name}, but the range of its joint contains the last count: calibrate the "
-                "joint so that the last count is outside its range, or use an adapter that forwards the instruction",
+                f"does not support {name}, but its last count is within the range of its joint: calibrate the "
+                "joint so that this count is outside the range, or use an adapter that forwards the instruction",
             ) from error
         text = f"{joint.name}: servo {joint.servo_id} does not support {name}: continuing without it"
         log.note(logging.WARNING, joint.name, joint.servo_id, text)

@@ -1,9 +1,9 @@
 """Release the GIL while the middleware sends and takes messages. Supports rclpy 7.1.5.
 
-rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients connect
-and disconnect (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each
-response to a client whose reader is still undiscovered or incompatible. Without this patch, no Python code can run
-during these waits, so the control loop stops as well.
+rclpy holds the GIL during these calls, although DDS can block a call that sends a message. DDS waits for its own locks
+while clients connect and disconnect (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up
+to 0.1 s in each response to a client whose reader is still undiscovered or incompatible. Without this patch, no Python
+code can run during these waits, so the control loop stops as well.
 
 The functions of rcl_calls.py replace twelve methods of rclpy and call the same C functions through ctypes. Messages
 that are too large or too frequent are not converted to Python (see client_limits.py).

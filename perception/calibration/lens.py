@@ -20,7 +20,7 @@ the lens parameters.
 LEAST_COVERED: Final = 0.3
 """Minimum fraction of the image that the corners of all views together must cover."""
 MOST_ERROR_PX: Final = 1.0
-"""Maximum RMS reprojection error, in pixels. With a sharp camera, the error is about 0.2."""
+"""Maximum RMS reprojection error, in pixels. With sharp images, the error is about 0.2 pixels."""
 CELLS: Final = 6
 """The image is divided into 6 × 6 cells to measure how much of the image the views cover."""
 

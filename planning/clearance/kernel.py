@@ -1,8 +1,9 @@
 """Clearances of poses and edges in compiled code.
 
-An edge is checked by conservative advancement. At a pose, the clearance of a pair is divided by the maximum speed of
-its two units. The result is the length of the edge that is free before and after the pose. The next poses are in the
-middle of the remaining segments. planning/clearance/speed_bounds.py describes the speeds.
+An edge is checked by conservative advancement. At each checked pose, the clearance of a pair of units is divided by the
+maximum speed of these units. The result is a length: the edge is free over this length before and after the pose. The
+next poses to check are in the middle of the remaining segments. planning/clearance/speed_bounds.py describes the
+speeds.
 """
 
 from math import sqrt

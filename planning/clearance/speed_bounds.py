@@ -2,11 +2,11 @@
 
 An edge takes one unit of time. The bound on a unit's speed has two terms. The first term is a sum over the joints of
 the unit's chain. Each joint contributes its speed times the maximum distance of the unit from the joint's axis in this
-pose. For a sphere, only the center is used. The second term bounds the growth of these distances, because other joints
-of the chain move the unit away from the axis. For pairs that are close together, a second bound is computed, and the
-lower of the two bounds is used. A plane separates the two convex geoms, so they approach each other only with their
-speed perpendicular to the plane, plus a term for the acceleration. A link that slides along an obstacle is therefore
-checked in only a few poses. Mimic joints with a nonlinear coupling do not have such a bound.
+pose. For a sphere, only the center is used. Other joints of the chain can move the unit away from the axis. The second
+term is a bound on the resulting growth of these distances. For pairs that are close together, a second bound is
+computed, and the lower of the two bounds is used. A plane separates the two convex geoms, so they approach each other
+only with their speed perpendicular to the plane, plus a term for the acceleration. A link that slides along an obstacle
+is therefore checked in only a few poses. Mimic joints with a nonlinear coupling do not have such a bound.
 """
 
 from math import sqrt

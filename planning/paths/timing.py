@@ -143,8 +143,8 @@ def timed(
 def _along(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
 ) -> tuple[TimedPath, list[FloatArray | None]]:
-    """Return a trajectory along a path with these inner corners. Also return, for each chord between two points of the
-    trajectory, the maximum distance of each joint (n,) from the chord, or None for a line."""
+    """Return a trajectory along a path whose inner corners are ``corners``. Also return, for each chord between two
+    points of the trajectory, the maximum distance of each joint (n,) from the chord, or None for a line."""
     lines, lengths, caps = _lines(path, corners, limits)
     speeds = _speeds(corners, lengths, caps, limits)
     pieces = _pieces(corners, speeds, lengths, caps)

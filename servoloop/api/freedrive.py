@@ -46,7 +46,7 @@ class Freedrive:
         """Whether the torque limits of some servos may currently be reduced."""
         self._retry_s = 0.0
         self._faults: Mapping[str, JointFault] = {}
-        """Joints that were not measured in the last cycle."""
+        """Faults of the joints in the last cycle, keyed by joint name."""
         self.open = False
         """Whether a person can move the joints by hand now or shortly."""
 
@@ -76,7 +76,7 @@ class Freedrive:
         """End the freedrive if this was requested or if its controller was deactivated.
 
         Args:
-            faults: Joints that were not measured in this cycle.
+            faults: Faults of the joints in this cycle, keyed by joint name.
             now_s: Time of the cycle, in seconds.
         """
         self._faults = faults

@@ -41,9 +41,9 @@ PAUSES: Final = (1.0, 1.0, 1.0)
 SOCKET_PAUSES: Final = (3.0, 2.0, 1.0)
 """The same frequencies for programs on the command socket, which perform many kinds of actions."""
 INTERRUPTED: Final = 0.8
-"""Fraction of motions and freedrives over the command socket that the client program interrupts."""
+"""Fraction of the motions and freedrives over the command socket that are interrupted by their client program."""
 GUIDES_S: Final = 2.0
-"""Maximum duration of a freedrive over the command socket that the client program interrupts, in seconds."""
+"""Maximum duration of an interrupted freedrive over the command socket, in seconds."""
 SETTLES_S: Final = 1.0
 """Time in which an uninterrupted motion would come to rest and succeed, in seconds."""
 INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "cancel", "release")

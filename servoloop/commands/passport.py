@@ -100,7 +100,7 @@ def save(
         print_json({"written": str(path), **taken.model_dump()})
     else:
         servos = ", ".join(map(str, taken.servos))
-        typer.echo(f"{path}: saved servos {servos} on the adapter {taken.adapter or 'without a serial number'}")
+        typer.echo(f"{path}: saved the EEPROM of servos {servos}, adapter {taken.adapter or 'without a serial number'}")
 
 
 @app.command()

@@ -216,7 +216,7 @@ def check_options(options: CellOptions) -> None:
     """Raise DriverError if an option cannot be used with several arms."""
     if options.vision or options.poses:
         raise DriverError(
-            f"{options.arm} has several arms, which sort cubes by joint positions: omit --vision and --poses"
+            f"{options.arm} has several arms, so the demo uses cubes and joint positions: omit --vision and --poses"
         )
 
 

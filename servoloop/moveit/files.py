@@ -137,7 +137,7 @@ def header(name: str, before: str) -> str:
 
 
 def joint_limits(files: Files, padding_m: float) -> str:
-    """Return joint_limits.yaml, with fractions of the velocity limits (URDF) and acceleration limits (robot file)."""
+    """Return joint_limits.yaml: fractions of the URDF's velocity limits and of the robot file's acceleration limits."""
     padding = "default_robot_padding: "
     text = header("joint_limits.yaml", padding) + f"{padding}{padding_m}\n\njoint_limits:\n"
     for joint in files.robot.joints:

@@ -25,8 +25,8 @@ from servoloop.recording.mcap_messages import (
 ERROR: Final = 2
 """Error level in diagnostic_msgs/DiagnosticStatus."""
 BACK_S: Final = 1.0
-"""Maximum backward step between the stamps of different publishers, in seconds. A larger step indicates a clock
-reset."""
+"""Maximum backward step between the stamps of different publishers, in seconds. A larger backward step means that the
+clock was reset."""
 
 
 @dataclass(slots=True)

@@ -179,9 +179,9 @@ def realtime_priority(priority: int = LOOP_PRIORITY) -> Iterator[None]:
     for programs with long computations before or after their real-time part. If they ran at real-time priority, these
     computations would block the loops of other programs. Threads that start in the context keep its priority.
 
-    Do not pass ``PRIORITY`` if the real-time part runs in the calling thread. The program would then share the
-    processor with starting stacks, in time slices of 0.1 s. Servos would count as lost, because their replies would be
-    read up to 0.1 s late.
+    Do not pass ``PRIORITY`` if the real-time part runs in the calling thread. Otherwise, the program and any stack that
+    is starting would take turns on the processor, in time slices of 0.1 s. Servos would count as lost, because their
+    replies would be read up to 0.1 s late.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     claim_realtime_priority(priority)

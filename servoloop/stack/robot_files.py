@@ -169,7 +169,7 @@ def read_description(urdf: Path, xacro_arguments: Mapping[str, str] = NO_ARGUMEN
     if urdf.suffix == SUFFIX:
         return parse_urdf(expand_xacro(urdf, xacro_arguments), f"{urdf} (expanded)")
     if xacro_arguments:
-        raise DescriptionError(f"--xacro-arg is for a URDF in xacro, but {urdf} does not end in {SUFFIX}: rename it")
+        raise DescriptionError(f"--xacro-arg requires a xacro file, but {urdf} does not end in {SUFFIX}: rename it")
     try:
         return parse_urdf(read_xml(urdf, DescriptionError, "the URDF"), str(urdf))
     except DescriptionError as error:
@@ -210,7 +210,7 @@ def _robot(path: Path, description: Description, component: HardwareInfo) -> Rob
 
 def _place(file: YamlFile, mistake: str) -> str:
     """Return the file and line to which an error message refers. The message must begin with a joint name or with the
-    keys of a value."""
+    dotted keys of a value."""
     keys = mistake.split(maxsplit=1)[0].rstrip(":").split(".")
     return file.place(("joints", *keys) if keys[0] != "park" else keys)
 
@@ -231,7 +231,7 @@ def initial_states(files: Files) -> InitialStates:
     lists: dict[str, list[str]] = {"unconfigured": [], "inactive": []}
     for state, names in states.items() if isinstance(states, Mapping) else [("", states)]:
         if state == "shutdown_on_initial_state_failure":
-            LOG.warning("%s.%s has no effect: --keep-alive decides whether the stack keeps running", where, state)
+            LOG.warning("%s.%s has no effect: --stay decides whether the stack keeps running", where, state)
             continue
         if state not in lists or not isinstance(names, list):
             raise ControllersFileError(

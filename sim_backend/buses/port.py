@@ -72,7 +72,7 @@ class VirtualPort:
 
     def unplug(self) -> None:
         """Unplug the adapter. Make every method raise ``PortLost`` from now on."""
-        self._gone = "was unplugged: plug it in and open it again"
+        self._gone = "was unplugged: plug it in and open the port again"
 
     def _alive(self) -> None:
         if self._gone:

@@ -65,7 +65,7 @@ class FixedView:
 
         Args:
             model: The MuJoCo model.
-            data: Any pose of the model, with updated kinematics.
+            data: MuJoCo data of the model in any pose, with updated kinematics.
             camera: The camera.
             light: The light.
             skins: Skins of the apples, keyed by geom. The apples can move.

@@ -76,8 +76,8 @@ class LoosePlug(OfServo, Lasting):
 
 
 class Hot(OfServo, Lasting):
-    """A servo's motor is at this temperature or hotter, as if it were running in a closed box. The motor cools down
-    after the fault."""
+    """The motor of a servo is at least at the given temperature, as if the servo were in a closed box. The motor cools
+    down after the fault."""
 
     kind: Literal["hot"] = "hot"
     temperature_c: Celsius = 90.0

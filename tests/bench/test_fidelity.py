@@ -38,7 +38,7 @@ def test_the_exceptions_are_few(figures: list[Figure]) -> None:
     assert [figure.name for figure in figures if figure.reason] == [
         "step of 1024: overshoot",
         "step of 100: overshoot",
-        "step of 10: ends short by",
+        "step of 10: final distance to the goal",
         "xl320: speed without load",
         "mx-106: torque at stall",
         "mx-64: torque at stall",

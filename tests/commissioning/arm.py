@@ -202,7 +202,7 @@ class Onlooker(Person):
     """A person who watches the arm, answers questions, and moves joints only to poses."""
 
     asked: list[str] = field(default_factory=list)
-    """Joints for which the person was asked in which direction they moved."""
+    """Joints for which the person was asked about the direction of motion."""
 
     def say(self, text: str) -> None:
         super().say(text)

@@ -276,7 +276,7 @@ def test_a_missing_joint_is_named(robot: Path) -> None:
 
 def test_a_servo_without_a_homing_offset_cannot_be_exported() -> None:
     dynamixel = Joint("gripper", 6, X_MODELS["xl330-m288"], JOINTS[-1].limits)
-    with pytest.raises(CalibrationError, match="xl330-m288 servos have no homing offset like"):
+    with pytest.raises(CalibrationError, match="xl330-m288 servos do not have the homing offset that"):
         from_lerobot({"gripper": theirs()["gripper"]}, [dynamixel], BUILT, PLANS)
     without = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, lower_counts=1, upper_counts=2)
     with pytest.raises(CalibrationError, match=r"servo \(6\) has no homing offset"):
@@ -302,7 +302,7 @@ def test_an_unsupported_arm_is_refused_before_the_file_is_read(robot: Path) -> N
     path = robot.with_name("theirs.json")
     path.write_text(json.dumps(content(PUBLISHED | {"gripper": (6, 0, 2050, 0, 900)})))
     with pytest.raises(
-        CalibrationError, match=r"cannot be imported for this arm: xl330-m288 servos have no .* calibrate$"
+        CalibrationError, match=r"cannot be imported for this arm: xl330-m288 servos do not have .* calibrate$"
     ):
         import_calibration(path, robot, joints, PLANS)
 

@@ -134,7 +134,7 @@ def test_enabling_torque_holds_the_measured_position(model: ServoModel) -> None:
 def test_torque_is_refused_outside_the_limits_or_in_another_mode() -> None:
     line = line_of(sts.STS3215)
     line.put(3, sts.min_position, 3000)
-    with pytest.raises(CommissioningError, match="outside its limits 3000 to 4095, so it would jump"):
+    with pytest.raises(CommissioningError, match="outside its limits 3000 to 4095, so the servo would jump"):
         write(line, "torque_enable", 1, torque=True)
     line.put(3, sts.operating_mode, 1)
     with pytest.raises(CommissioningError, match="is not in position mode"):

@@ -122,7 +122,7 @@ def test_the_table_is_lower_than_in_the_world_only_below_the_foot_and_the_lying_
 
 
 def given_way(pose: Any) -> Any:
-    """Return the joint positions of servos with this goal when the weight of the arm deflects them."""
+    """Return the positions that joints with the goal ``pose`` reach when the arm's weight deflects their servos."""
     world = World(initial_position=[*pose, 0.0])
     torque = [world.data.qfrc_bias[int(world.model.joint(name).dofadr[0])] for name in ARM]
     return np.array(pose) - np.multiply(torque, GIVES_WAY_RAD_PER_NM)

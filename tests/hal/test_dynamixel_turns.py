@@ -311,7 +311,7 @@ def test_a_goal_current_below_the_current_limit_is_kept_and_reported(caplog: pyt
     (said,) = [message for message in caplog.messages if "goal_current" in message]
     assert said == (
         "wrist (servo 1) is in current-based position mode, and another program has set its goal_current to 300 of "
-        "1750: the joint is weaker than usual. To restore the current limit, reboot the servo (servoloop reboot)"
+        "1750: the joint is weaker than usual. To reset goal_current, reboot the servo (servoloop reboot)"
     )
 
 

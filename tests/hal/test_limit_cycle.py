@@ -1,4 +1,4 @@
-"""Tests of the damping of limit cycles: which oscillations are detected, and how far goals follow them."""
+"""Tests of the damping of limit cycles: which oscillations are detected, and how far the goal follows the joint."""
 
 import math
 from collections.abc import Sequence

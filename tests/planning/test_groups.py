@@ -132,7 +132,7 @@ STATE = '<group_state name="s" group="a">{}</group_state>'
         ("<group/>", "line 3: a <group> has no name: add a name"),
         ('<group name="a"><joint name="joint2"/></group>', "line 3: there are two <group> named a: rename one"),
         ('<group_state name="s" group="b"/>', "line 3: there is no group b: choose one of a"),
-        ('<group_state group="a"/>', "line 3: a state of a has no name, or the name of another state"),
+        ('<group_state group="a"/>', "line 3: a state of a has no name, or the same name as another state"),
         (STATE.format('<joint name="joint9" value="0"/>'), "line 3: there is no joint joint9: choose one of joint1"),
         (
             STATE.format('<joint name="joint2" value="0"/>'),

@@ -146,7 +146,7 @@ def test_no_random_pose_is_nearer_than_the_nearest_pose(arm: str) -> None:
 
 @pytest.mark.parametrize("beyond_rad", [0.2, 0.5, 1.0])
 def test_the_nearest_position_beyond_a_limit_is_straight_beside_the_goal(beyond_rad: float) -> None:
-    """With joint1 at its limit, the arm moves in a vertical plane, and the nearest point is the goal's projection."""
+    """With joint1 at its limit, the tool moves in a vertical plane, and the goal is projected onto this plane."""
     narrow = {**limits("robot_arm"), "joint1": JointLimits(-0.5, 0.5, 1.0, 1.0, 1.0)}
     one = Chain(model("robot_arm"), narrow, "gripper_base_link")
     at = np.array([0.5, -0.6, -0.5, -0.4, -0.3, 0.0])

@@ -29,7 +29,7 @@ class Plan(Enum):
     ANSWER_LATE = auto()
     """Delay the response to the goal until ``FakeArm.go_on``, then hold."""
     REFUSE_CANCEL = auto()
-    """Ignore a cancel until ``FakeArm.go_on``, then succeed."""
+    """Reject cancel requests, move until ``FakeArm.go_on``, and then succeed."""
 
 
 @dataclass
@@ -70,7 +70,7 @@ class FakeArm:
         self.plans.extend(plans)
 
     def go_on(self) -> None:
-        """Send a delayed response, or end a motion that ignores its cancel. Thread-safe."""
+        """Send a delayed response, or end a motion whose cancel request was rejected. Thread-safe."""
         self._answer.set()
         self.node.executor.create_task(self._end_motion)
 

@@ -54,7 +54,7 @@ BROKEN = {
 
 
 def refusal(folder: Path, *arguments: str) -> str:
-    """Return the output of ``servoloop up``, which must end with a failure without being stopped."""
+    """Run ``servoloop up``, which must exit with status 1 on its own, and return its output."""
     stack = StackProcess(folder / "up.log", "up", "--ready-file", str(folder / "ready"), *arguments)
     try:
         assert stack.process.wait(PATIENCE_S) == 1

@@ -47,7 +47,7 @@ def test_one_stack_moves_both_arms_for_its_clients(tmp_path: Path, monkeypatch: 
 def test_options_for_one_arm_are_refused(option: str, tmp_path: Path) -> None:
     ran = CliRunner().invoke(app, ["demo", "--arm", "bimanual_so101", option, "--out", str(tmp_path)])
     assert isinstance(ran.exception, DriverError)
-    assert "bimanual_so101 has several arms, which sort cubes by joint positions: omit --vision and" in str(
+    assert "bimanual_so101 has several arms, so the demo uses cubes and joint positions: omit --vision and" in str(
         ran.exception
     )
 

@@ -111,8 +111,8 @@ LINES: Final = (
     Line("teach list"),
     Line("teach remove no_such_motion"),
 )
-"""Each of these commands ends even if no arm is connected. A command that needs an extra is refused before it reads the
-rest of its command line."""
+"""Each of these commands exits on its own, even if no arm is connected. A command that needs an extra is refused before
+it reads the rest of its command line."""
 OPTIONAL: Final = {
     "arms check so101": "sim",
     "arms new mine robot.urdf": "sim",

@@ -1,4 +1,4 @@
-"""The example class in docs/hardware.md works from its package to the control loop."""
+"""Tests that the example class in docs/hardware.md works, from its package up to the control loop."""
 
 import re
 import tomllib

@@ -25,7 +25,7 @@ def test_arguments_reach_the_urdf_and_other_processes(tmp_path: Path) -> None:
 
 
 def test_arguments_need_a_urdf_in_xacro() -> None:
-    with pytest.raises(DescriptionError, match=r"--xacro-arg is for a URDF in xacro, but .*arm.urdf does not end in"):
+    with pytest.raises(DescriptionError, match=r"--xacro-arg requires a xacro file, but .*arm.urdf does not end in"):
         ControlledArm("so101", xacro_arg=["a:=b"]).read()
 
 

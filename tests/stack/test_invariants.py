@@ -195,7 +195,7 @@ def test_a_path_that_makes_a_detour(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run_schedule(FILES, {"": JobSettings()}, schedule).violations == ()
     monkeypatch.setattr(RuckigMotion, "sample", sway)
     texts = {one.invariant: one.text for one in run_schedule(FILES, {"": JobSettings()}, schedule).violations}
-    assert "but its path leads from" in texts["path is as sent"], texts
+    assert "but its path extends from" in texts["path is as sent"], texts
 
 
 MOVES = (

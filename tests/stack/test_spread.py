@@ -13,8 +13,9 @@ from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.012
 RESTING_RAD = 0.008
-"""Maximum oscillation of joint1, in rad, as the mean of several jobs: 0.006 with damping, and 0.010 to 0.012 without.
-Gravity does not load the gears of this joint. Other joints sag at first under the weight of the cube."""
+"""Maximum oscillation of joint1, in rad, averaged over several jobs. The measured average is 0.006 with damping, and
+0.010 to 0.012 without damping. Gravity does not load the gears of this joint. Other joints sag at first under the
+weight of the cube."""
 ACTIVATED_S = 2.5
 """Time for the arm to sink after the activation and to rise again, in seconds."""
 FEW, SOME = 2, 5

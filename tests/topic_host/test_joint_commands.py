@@ -30,7 +30,7 @@ def test_a_command_is_sorted_by_joint(names: list[str], positions: list[float], 
 @pytest.mark.parametrize(
     ("names", "positions", "reason"),
     [
-        (["a", "b"], [], "the command has no positions: declare a position command interface"),
+        (["a", "b"], [], "the command has no positions: in <ros2_control>, declare a position command interface"),
         (["a", "b"], [1.0], "1 positions for 2 joints, and this arm moves 2 of these joints: send one position for"),
         (["a", "c"], [1.0, 2.0], "the command contains c, but this arm moves a, b: use the same joint names"),
         (["a", "a"], [1.0, 2.0], "the command contains a twice"),

@@ -16,7 +16,7 @@ from sim_backend.scene.world_feed import WorldFeed, feed_path
 
 
 class WorldClock:
-    """A clock that lets the world be published while it sleeps."""
+    """A clock that publishes the world every 0.01 s while it sleeps."""
 
     def __init__(self, link: Path, world: World) -> None:
         self.feed, self.world, self.runs = WorldFeed(feed_path(link)), world, True

@@ -16,7 +16,7 @@ from hal.servos.servo_gains import foreign_gains, wanted_gains
 from hal.servos.servo_settings import check_reach, mode_mistake, settings_of, wanted_mode
 
 WIDE_COUNTS: Final = 8
-"""Maximum dead zone, in counts (0.7 degrees)."""
+"""Maximum dead zone that is not reported as a finding, in counts. 8 counts are 0.7 degrees."""
 SLOW_COUNTS_S2: Final = 20
 """Minimum acceptable ``max_acceleration``, in units of 100 counts/s2: one fifth of the goals' acceleration."""
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}

@@ -162,7 +162,7 @@ class PathIsAsSent(Invariant):
             end = self.end_of_goal(joint, wanted[joint])
             if not min(way[0], end) - slack <= way.min() <= way.max() <= max(way[0], end) + slack:
                 off = f"from {way.min():.3f} to {way.max():.3f}"
-                self.say(f"a goal sent {joint} from {way[0]:.3f} to {end:.3f}, but its path leads {off}")
+                self.say(f"a goal sent {joint} from {way[0]:.3f} to {end:.3f}, but its path extends {off}")
 
     def _examine_duration(self, logged: LoggedGoal, path: _Path, duration_s: float) -> None:
         """Check that a path is not too slow. In the slowest allowed case, the joints first brake and then stop at each
@@ -199,11 +199,11 @@ def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
 
 
 class StopsFollowPaths(Invariant):
-    """A goal that ends early brakes along its path: the reference stays on the path until it is at rest.
+    """If a goal ends early, the arm brakes along the goal's path: the reference stays on the path until it is at rest.
 
-    Stops that begin while the path accelerates or ends are not examined, because the limits may not allow braking along
-    the path there. A stop for another goal is not examined either. The same applies to a stop in which no joint is
-    measured and the arm comes to rest at its last command.
+    A stop is not examined if the path accelerates or ends during the time needed to brake, because the limits may not
+    allow braking along such a path. A stop that is caused by another goal is not examined either. The same applies to a
+    stop in which no joint is measured and the arm comes to rest at its last command.
     """
 
     name = "stops follow paths"

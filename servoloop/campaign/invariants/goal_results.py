@@ -102,9 +102,7 @@ class AbortsAreTrue(Invariant):
         elif code == ErrorCode.PATH_TOLERANCE_VIOLATED:
             self.examined += 1
             if (cycles := self._cycles_unmeasured()) < ABORTS_CYCLES:
-                self.say(
-                    f"a goal was aborted ({text}), but each of its joints missed at most {cycles} measurements in a row"
-                )
+                self.say(f"a goal was aborted ({text}), but no joint missed more than {cycles} measurements in a row")
 
     def _examine_reason(self, logged: LoggedGoal) -> None:
         """Check that a goal without an error of the arm was replaced, or that its controller is inactive."""

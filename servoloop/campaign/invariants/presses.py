@@ -35,8 +35,7 @@ class _Press:
 
 
 class LongPressesAreReduced(Invariant):
-    """The drive of a joint with a torque limit below 1 is reduced after the joint has pressed for a few seconds without
-    moving.
+    """If a joint with a torque limit below 1 presses without moving, its drive is reduced within ``REDUCED_S``.
 
     The drive is computed from the joint's effort in the simulated world. The time starts again when the joint or its
     command moves, when the joint is reported as faulty, and during each fault of the joint. A joint that is reported
@@ -79,4 +78,4 @@ class LongPressesAreReduced(Invariant):
             self.examined += 1
             if press.cycles * period_s > REDUCED_S:
                 share = drive / self._limits[name]
-                self.say(f"{name} has pressed without motion for {REDUCED_S:g} s, still with {share:.0%} of its limit")
+                self.say(f"{name} has pressed without motion for {REDUCED_S:g} s at {share:.0%} of its torque limit")

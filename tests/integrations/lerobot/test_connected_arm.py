@@ -1,4 +1,4 @@
-"""The part of the plugin for LeRobot that talks to a stack, against a virtual arm. It does not need LeRobot."""
+"""Tests of the LeRobot plugin's connection to a stack, with a virtual arm. These tests do not need LeRobot."""
 
 import math
 import socket

@@ -63,7 +63,7 @@ class FakeNode:
 
 
 class FakeServer:
-    """Action server whose requests the test makes."""
+    """Action server that receives its requests directly from the test."""
 
     def __init__(
         self, node: Any, kind: Any, name: str, execute: Callable[[Any], Awaitable[Any]], **options: Any
@@ -82,7 +82,7 @@ class FakeServer:
 
 
 class FakeGoal:
-    """Goal on the side of the server."""
+    """Goal handle of the server."""
 
     def __init__(self) -> None:
         self.goal_id = SimpleNamespace(uuid=bytes(16))
