@@ -54,7 +54,7 @@ test-real-time: setup
 
 # This includes the random tests, over 1,000 cycles.
 test-slow: setup
-	$(PYTEST) -m 'slow or soak' $(PYTEST_ARGS)
+	$(PYTEST) -m 'slow or soak' -o faulthandler_timeout=900 $(PYTEST_ARGS)
 
 # CI has time for only the first slow test of each file.
 test-sample: setup

@@ -285,7 +285,7 @@ class SimulatedClients:
 
         def activate() -> None:
             for name in components:
-                transitions.ask(name, LifecycleState.ACTIVE)
+                self._stack.activations.append(transitions.ask(name, LifecycleState.ACTIVE))
 
         def activate_all() -> None:
             activate()

@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from controller.component_transitions import ComponentTransition
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller
 from controller.manager_errors import ControllersFileError
@@ -102,6 +103,8 @@ class SimulatedStack:
         """Trace of the first arm."""
         for controller in built:
             self.add_controller(controller)
+        self.activations: list[ComponentTransition] = []
+        """Activations that clients have requested. An observer may remove those that it has seen."""
         self.after_cycle: Callable[[], None] = lambda: None
         self.on_state: Callable[[JointState], None] = lambda state: None
         """Function called with the joint state of each cycle."""

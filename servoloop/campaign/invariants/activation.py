@@ -1,6 +1,7 @@
 """Invariant on activation: the servos have the settings that an independent parser reads from the arm's files."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
@@ -9,7 +10,7 @@ from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
-from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
@@ -42,6 +43,8 @@ STIFF_S: Final = 3.0
 """Time after which all torque limits must be restored, in seconds."""
 RESUME_CYCLES: Final = 3
 """Number of cycles after which controllers must be active again."""
+RECOVERED_S: Final = 2.0
+"""Time after which a fault without lasting effects no longer prevents an activation, in seconds."""
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
@@ -65,7 +68,8 @@ class ActivatedAsConfigured(Invariant):
     """After an activation, every servo has the torque limit, gains and settings that the robot file specifies.
 
     A joint that was far outside its limits must not have been activated. Both conditions also hold for a single servo
-    that has lost power and is activated again. Without a fault, an arm within its limits is activated at the start.
+    that has lost power and is activated again. Without a fault, an arm within its limits is activated at the start, and
+    whenever a client requests it.
 
     While an arm is guided by hand, its torque limits are reduced, and they are restored afterward.
     """
@@ -82,6 +86,7 @@ class ActivatedAsConfigured(Invariant):
 
     def on_state(self, state: JointState) -> None:
         self._examine_softness()
+        self._examine_requests()
         begins, self._was_active = self.active and not self._was_active, self.active
         self._ever_active = self._ever_active or begins
         released, self._released = self._released, self.released(state)
@@ -103,9 +108,36 @@ class ActivatedAsConfigured(Invariant):
         if self._ever_active or self.stack.player.happened:
             return
         self.examined += 1
-        true = self.true_positions()
-        if all(one.lower <= true[name] <= one.upper for name, one in self._reference.items() if name in true):
+        if self._within_limits():
             self.say("the arm was not activated, although all joints are within their limits and no fault has begun")
+
+    def _examine_requests(self) -> None:
+        """Check that a requested activation is refused only because of a fault or a joint outside its limits."""
+        requests = self.stack.activations
+        for request in [request for request in requests if request.done]:
+            requests.remove(request)
+            if self.stack.ending or not self._within_limits():
+                continue
+            self.examined += 1
+            try:
+                request.result()
+            except Exception as error:
+                if all(self._healthy(joint.name) for joint in self._blamed(str(error))):
+                    self.say(f"{request} was refused without a fault: {error}")
+
+    def _within_limits(self) -> bool:
+        true = self.true_positions()
+        return all(one.lower <= true[name] <= one.upper for name, one in self._reference.items() if name in true)
+
+    def _blamed(self, text: str) -> Sequence[Joint]:
+        """Return the joints that an error names, or all joints if it names none."""
+        words = set(re.findall(r"\w+", text))
+        return [j for j in self.joints if j.name in words or f"servo {j.servo_id}" in text] or self.joints
+
+    def _healthy(self, joint: str) -> bool:
+        """Return whether no fault can prevent the activation of a joint."""
+        touches = self.stack.touches
+        return touches.since_s(joint) > RECOVERED_S and not touches.kinds(joint) & (DECEIVING | CHANGES - LOSSES)
 
     def _examine_softness(self) -> None:
         """Check that the torque limits are reduced while the arm is guided by hand, and restored some time later."""

@@ -46,6 +46,15 @@ class Broken(NamedTuple):
     """Whether the stack believed what the servo reported about its position or its torque."""
 
 
+class _PositionRead(NamedTuple):
+    """Position of a servo when it was read."""
+
+    position: int
+    """Position, in counts."""
+    at_s: float
+    """Time of the reading on the line's clock, in seconds."""
+
+
 class WireMonitor:
     """Monitor that checks each packet in ``see`` before the servos receive it. ``broken`` lists the violations."""
 
@@ -76,6 +85,8 @@ class WireMonitor:
         self._goals: dict[int, int] = {}
         self._measured: Counter[int] = Counter()
         """Number of position readings requested since the last setting was written, keyed by servo ID."""
+        self._read_at: dict[int, _PositionRead] = {}
+        """Last reading of each servo's position, keyed by servo ID."""
         self._placed_s: dict[int, float] = {}
         """Time at which each servo received its current goal, keyed by servo ID.
 
@@ -105,6 +116,7 @@ class WireMonitor:
     def _read(self, joint: Joint, servo: Any, address: int, size: int) -> None:
         if self._positions[joint.servo_id] in _addresses(servo.memory, address, size):
             self._measured[joint.servo_id] += 1
+            self._read_at[joint.servo_id] = _PositionRead(round(servo.firmware.position), self._line.reached_s)
 
     def _written(self, joint: Joint, servo: Any, address: int, content: bytes) -> None:
         series = series_of(joint.model)
@@ -131,7 +143,7 @@ class WireMonitor:
         lower, upper = joint.counts_range()
         before = self._goals.get(joint.servo_id)
         taken_over = limp or joint.servo_id not in self._driven or self._activating()
-        begins = taken_over and abs(goal - position) <= self._within_counts(joint)
+        begins = taken_over and self._is_here(joint, goal, position)
         self._placed_s.pop(joint.servo_id, None)
         if begins:
             self._placed_s[joint.servo_id] = self._line.reached_s
@@ -173,12 +185,20 @@ class WireMonitor:
         if goal is None or joint.servo_id in self._driven or placed:
             self._driven.add(joint.servo_id)
             return
-        if abs(goal - position) > self._within_counts(joint):
+        if not self._is_here(joint, goal, position):
             self._report(joint, f"torque enabled at {position} with goal {goal}")
         self._driven.add(joint.servo_id)
 
     def _report(self, joint: Joint, text: str, believes: bool = True) -> None:
         self.broken.append(Broken(joint.name, text, believes))
+
+    def _is_here(self, joint: Joint, goal: int, position: int) -> bool:
+        """Return whether a goal is the position of a limp joint now, or at its last measurement, if that is recent."""
+        read = self._read_at.get(joint.servo_id)
+        recent = read is not None and self._line.reached_s - read.at_s <= MEASURED_S
+        if read is not None and recent and abs(goal - read.position) <= MEASURED_WITHIN_COUNTS:
+            return True
+        return abs(goal - position) <= self._within_counts(joint)
 
     def _within_counts(self, joint: Joint) -> float:
         """Return the distance by which a limp joint may have moved since its last measurement, in counts."""
