@@ -20,7 +20,7 @@ from servoloop.command_server.requests import StackRequests
 from servoloop.command_socket.command_errors import CommandError
 from servoloop.command_socket.messages import encode
 from servoloop.recording.stack_recording import StackRecording
-from servoloop.recording.stream import COMMANDS, LiveError, make_live_folder, socket_path
+from servoloop.recording.stream import COMMANDS, NEW_COMMANDS, LiveError, make_live_folder, socket_path
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.loop_thread import LEFT
 
@@ -53,7 +53,7 @@ class CommandServer:
         self._server = socket.socket(socket.AF_UNIX)
         # The socket is renamed after it starts to listen and its permissions are set, so that only this user can open
         # it.
-        new = path.with_suffix(f"{COMMANDS}.new")
+        new = path.with_suffix(NEW_COMMANDS)
         try:
             new.unlink(missing_ok=True)
             self._server.bind(str(new))
@@ -62,6 +62,8 @@ class CommandServer:
             new.rename(path)
         except OSError as error:
             self._server.close()
+            with suppress(OSError):
+                new.unlink(missing_ok=True)
             raise LiveError(f"the command socket {path} cannot be created: {error.strerror or error}") from error
         self._threads = [
             threading.Thread(target=work, name=f"commands: {name}", daemon=True)

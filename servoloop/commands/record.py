@@ -57,7 +57,7 @@ def record(
         raise DriverError(f"--seconds must be a finite number, not {seconds}: omit --seconds to record without a limit")
     stack = find_stack(arm, namespace)
     if file is None:
-        file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.socket.stem.rpartition('-')[0]}{SUFFIX}"
+        file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.file_name}{SUFFIX}"
         make_folder(OUT)
     with Signals() as signals:
         typer.echo(f"Recording {stack.name} to {file}; press Ctrl-C to stop.", err=True)

@@ -13,7 +13,7 @@ from servoloop.recording.mcap_messages import GOAL, RESULT
 from servoloop.recording.message_types import definition, typestore
 from servoloop.recording.messages import Messages, Recorded
 from servoloop.recording.sampler import CycleSample
-from servoloop.recording.stream import FOLDER, LiveError
+from servoloop.recording.stream import FOLDER, NAME, LiveError
 
 MAX_QUEUE_BYTES: Final = 4 * 1024 * 1024
 """Maximum number of bytes queued for a viewer before it misses cycles. This is about 30 s of messages."""
@@ -59,6 +59,8 @@ class Viewer:
         self._connection.close()
 
 
+NEW: Final = ".new"
+"""Suffix of the socket before it listens."""
 WAITING: Final = 8
 """Maximum number of new viewers that can wait for the next cycle."""
 
@@ -70,13 +72,14 @@ class LiveFeed:
     viewer.
     """
 
-    def __init__(self, path: Path, messages: Messages, folder: Path | None = None) -> None:
+    def __init__(self, path: Path, messages: Messages, folder: Path | None = None, name: str = "") -> None:
         """Create the socket.
 
         Args:
             path: Path of the socket.
             messages: Factory of the messages.
             folder: Folder of the arm, if any.
+            name: Full name of the stack if the name of the socket does not contain it.
 
         Raises:
             LiveError: The socket cannot be created.
@@ -91,16 +94,18 @@ class LiveFeed:
         self._server.setblocking(False)
         try:
             # The socket is renamed after it starts to listen, because clients delete a socket that does not listen.
-            new = path.with_suffix(".new")
-            new.unlink(missing_ok=True)
-            path.with_suffix(FOLDER).unlink(missing_ok=True)
-            if folder is not None:
-                path.with_suffix(FOLDER).symlink_to(folder)
+            new = path.with_suffix(NEW)
+            self._remove_files()
+            for suffix, target in ((FOLDER, folder), (NAME, name)):
+                if target:
+                    path.with_suffix(suffix).symlink_to(target)
             self._server.bind(str(new))
             self._server.listen(WAITING)
             new.rename(path)
         except OSError as error:
             self._server.close()
+            with suppress(OSError):
+                self._remove_files()
             raise LiveError(f"cannot create the socket {path} of the live feed: {error.strerror or error}") from error
 
     @property
@@ -129,12 +134,17 @@ class LiveFeed:
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
         """Send the last transfers and close the feed. Viewers see the end of the stream."""
         self._path.unlink(missing_ok=True)
-        self._path.with_suffix(FOLDER).unlink(missing_ok=True)
+        self._remove_files()
         self._server.close()
         self._send(self._viewers, self._messages.of_transfers(transfers))
         for viewer in self._viewers:
             viewer.send()
             viewer.close()
+
+    def _remove_files(self) -> None:
+        """Remove the links next to the socket, and a socket that was not completed."""
+        for suffix in (NEW, FOLDER, NAME):
+            self._path.with_suffix(suffix).unlink(missing_ok=True)
 
     def _keep_goals(self, messages: Iterable[Recorded]) -> None:
         for one in messages:

@@ -23,7 +23,7 @@ from servoloop.recording.mcap_messages import GOAL, RESULT, STATES, Encoded, rea
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import FLUSH_S, Recorder, RecordingFile, Sink
 from servoloop.recording.sampler import Sampler, Scene
-from servoloop.recording.stream import LiveError, MessageStream, make_live_folder, socket_path
+from servoloop.recording.stream import LiveError, MessageStream, make_live_folder, socket_path, stack_name
 from servoloop.stack.robot_files import Files, servo_ids
 
 LOG = logging.getLogger("servoloop")
@@ -117,7 +117,9 @@ def _live_feed(files: Files, messages: Messages) -> list[Sink]:
     """Return the live feed, or an empty list if the feed cannot be created. The arm also works without a live feed."""
     try:
         make_live_folder()
-        return [LiveFeed(socket_path(files.arm, os.getpid(), files.namespace), messages, files.folder)]
+        path, name = socket_path(files.arm, os.getpid(), files.namespace), stack_name(files.arm, files.namespace)
+        shortened = not path.name.startswith(f"{name}-")
+        return [LiveFeed(path, messages, files.folder, name if shortened else "")]
     except LiveError as error:
         LOG.warning("%s", error)
         return []

@@ -1,5 +1,6 @@
 """Find running stacks and read their message streams."""
 
+import hashlib
 import os
 import re
 import socket
@@ -24,9 +25,18 @@ FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the arm's folder."""
 COMMANDS: Final = ".command"
 """Suffix of the stack's command socket, which is in the same folder as the socket of the message stream."""
+NAME: Final = ".name"
+"""Suffix of the symbolic link that contains the full name of a stack whose sockets have a shortened name."""
 CONNECT_S: Final = 2.0
 """Maximum time to wait for a connection, in seconds."""
-_NAME: Final = re.compile(rf"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)-(?P<pid>\d+){re.escape(SUFFIX)}")
+LONGEST_PATH: Final = 107
+"""Maximum length of a socket's path on Linux, in bytes."""
+LONGEST_FILE_NAME: Final = 200
+"""Maximum length of a stack's name in the names of new files, in characters. File systems allow 255 bytes."""
+NEW_COMMANDS: Final = f"{COMMANDS}.new"
+"""Suffix of the command socket before it listens. No other socket of a stack has a longer suffix."""
+_NAME: Final = re.compile(r"(?:(?P<namespace>[\w.]+)@)?(?P<arm>[^@]+)")
+_FILE_NAME: Final = re.compile(rf"(?P<name>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
 class RunningStack(NamedTuple):
@@ -45,6 +55,11 @@ class RunningStack(NamedTuple):
     def name(self) -> str:
         """Name of the arm, with the namespace of its stack."""
         return f"{self.arm} in {self.namespace}" if self.namespace else self.arm
+
+    @property
+    def file_name(self) -> str:
+        """Name of the stack to use in the names of new files. A very long name is cut off."""
+        return stack_name(self.arm, self.namespace)[:LONGEST_FILE_NAME]
 
     @property
     def commands(self) -> Path:
@@ -79,10 +94,24 @@ def make_live_folder() -> Path:
     return folder
 
 
-def socket_path(arm: str, pid: int, namespace: str = "") -> Path:
-    """Return the path of a stack's socket. The socket's folder may not exist yet."""
+def stack_name(arm: str, namespace: str = "") -> str:
+    """Return the name of a stack as it appears in file names, such as ``left@so101``."""
     owner = f"{namespace[1:].replace('/', '.')}@" if namespace else ""
-    return live_folder() / f"{owner}{_in_file_names(arm)}-{pid}{SUFFIX}"
+    return f"{owner}{_in_file_names(arm)}"
+
+
+def socket_path(arm: str, pid: int, namespace: str = "") -> Path:
+    """Return the path of a stack's socket. The socket's folder may not exist yet.
+
+    A hash replaces the name of the stack if the paths of its sockets would otherwise be too long. Raises LiveError if
+    the path of the folder is too long.
+    """
+    name = stack_name(arm, namespace)
+    for stem in (name, hashlib.sha256(name.encode()).hexdigest()[:8]):
+        path = live_folder() / f"{stem}-{pid}{SUFFIX}"
+        if len(os.fsencode(path.with_suffix(NEW_COMMANDS))) <= LONGEST_PATH:
+            return path
+    raise LiveError(f"the path of {live_folder()} is too long for sockets: set XDG_RUNTIME_DIR to a shorter path")
 
 
 def _in_file_names(arm: str) -> str:
@@ -140,29 +169,31 @@ def _is_of(stack: RunningStack, arm: str | None, namespace: str | None) -> bool:
 
 def _answering() -> Iterator[RunningStack]:
     for path in live_folder().glob(f"*{SUFFIX}"):
-        parts = _NAME.fullmatch(path.name)
-        if parts is None:
+        file = _FILE_NAME.fullmatch(path.name)
+        parts = _NAME.fullmatch(_link(path, NAME) or file["name"]) if file else None
+        if file is None or parts is None:
             continue
         with socket.socket(socket.AF_UNIX) as probe:
             probe.settimeout(1.0)
             try:
                 probe.connect(str(path))
             except (ConnectionRefusedError, FileNotFoundError):
-                for suffix in (SUFFIX, FOLDER, COMMANDS):  # the program was killed
+                for suffix in (SUFFIX, FOLDER, NAME, COMMANDS):  # the program was killed
                     path.with_suffix(suffix).unlink(missing_ok=True)
                 continue
             except OSError:
                 pass  # the stack is running, but is paused or too busy to accept another connection
         namespace = "/" + parts["namespace"].replace(".", "/") if parts["namespace"] else ""
-        yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path), namespace)
+        folder = _link(path, FOLDER)
+        yield RunningStack(parts["arm"], int(file["pid"]), path, Path(folder) if folder else None, namespace)
 
 
-def _folder_of(path: Path) -> Path | None:
-    """Return the arm's folder from the symbolic link next to the socket."""
+def _link(path: Path, suffix: str) -> str:
+    """Return the target of a symbolic link next to a socket, or an empty string if there is no link."""
     try:
-        return path.with_suffix(FOLDER).readlink()
+        return os.readlink(path.with_suffix(suffix))
     except OSError:
-        return None
+        return ""
 
 
 class MessageStream:

@@ -15,6 +15,8 @@ TIMEOUT_S: Final = 5.0
 """Default time to wait for a reply, in seconds."""
 SUFFIX: Final = ".command"
 """Suffix of command sockets."""
+NAME: Final = ".name"
+"""Suffix of the symbolic link that contains the full name of a stack whose sockets have a shortened name."""
 
 
 class StackError(ConnectionError):
@@ -39,10 +41,9 @@ class StackConnection:
         Raises:
             StackError: The stack has stopped (kind ``ended``), or does not accept this client.
         """
-        self.pid = path.stem.rpartition("-")[2]
+        stem, _, self.pid = path.stem.rpartition("-")
         """Process ID of the stack."""
-        owner, separator, arm = path.stem.rpartition("-")[0].rpartition("@")
-        self.arm = arm
+        owner, separator, self.arm = (_long_name(path) or stem).rpartition("@")
         """Name of the arm."""
         self.namespace = f"/{owner.replace('.', '/')}" if separator else ""
         """ROS namespace of the stack, such as ``/left``; empty for the root namespace."""
@@ -186,6 +187,14 @@ def _connections(name: str, refused: list[StackError]) -> Iterator[StackConnecti
         except StackError as error:
             if error.kind != "ended":  # a program that was killed leaves its socket behind
                 refused.append(error)
+
+
+def _long_name(path: Path) -> str:
+    """Return the full name of a stack whose socket has a shortened name, or else an empty string."""
+    try:
+        return os.readlink(path.with_suffix(NAME))
+    except OSError:
+        return ""
 
 
 def _absolute(namespace: str) -> str:

@@ -3,6 +3,7 @@
 import math
 import socket
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -14,6 +15,7 @@ from lerobot_servoloop.arm import ArmChoice, ConnectedArm
 from lerobot_servoloop.connection import StackError
 from lerobot_servoloop.units import JointScale, joint_scales
 from servoloop.command_socket.command_errors import KINDS
+from servoloop.stack.robot_files import read_files
 from tests.command_socket.rig import SocketRig, served
 from tests.live.rig import runtime_folder
 from tests.servoloop.served import eventually
@@ -178,6 +180,15 @@ def test_the_arm_is_chosen_by_namespace(rig: SocketRig, connect: Callable[..., C
     assert refused("not_found", lambda: connect("robot_arm", namespace="right")).startswith(
         "no stack of robot_arm in the namespace /right is running. Running stacks: robot_arm in /lab/left (process 1), "
     )
+
+
+def test_the_arm_is_chosen_by_a_long_namespace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hash replaces the name of the arm and its namespace in the name of the socket."""
+    files, namespace = read_files(), "/lab/" + "n" * 95
+    with served(monkeypatch, replace(files, controllers=replace(files.controllers, namespace=namespace))) as rig:
+        found = connection.find_stack_connection("robot_arm", namespace, "test")
+        assert found.label == f"robot_arm in {namespace} (process {rig.running.pid})"
+        found.close()
 
 
 def test_another_version_of_the_protocol(monkeypatch: pytest.MonkeyPatch, connect: Callable[..., ConnectedArm]) -> None:
