@@ -30,7 +30,7 @@ from servoloop.api.stream_gate import StreamGate
 from servoloop.api.targets import approach_s
 from servoloop.api.torque import TorqueSwitch
 from servoloop.api.trajectory_part import check_trajectory
-from servoloop.api.user_controllers import active_controller, load_controller
+from servoloop.api.user_controllers import active_controller, build_controller
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.recorder import CLOSE_S
 from servoloop.recording.stack_recording import StackRecording
@@ -210,8 +210,8 @@ class StackBackend:
         """
         with self._lock:
             self._require_free(())
-        made = load_controller(self.stack, name, kind, parameters, self._in_loop)
-        with active_controller(self.stack, name, self._in_loop):
+        made = build_controller(self.stack, name, kind, parameters)
+        with active_controller(self.stack, made, self._in_loop):
             yield made
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:

@@ -1,7 +1,7 @@
 """Controllers that a script loads to replace controllers of the controllers file."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from pydantic import ValidationError
@@ -14,52 +14,75 @@ from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
 
 
-def load_controller(
-    stack: ControlStack, name: str, kind: ControllerType, parameters: Mapping[str, Any], in_loop: InLoop
-) -> Controller:
-    """Build a controller and load it, without activating it.
+def build_controller(stack: ControlStack, name: str, kind: ControllerType, parameters: Mapping[str, Any]) -> Controller:
+    """Build a controller without loading it.
 
     Args:
         stack: Running stack.
         name: Name of the controller.
         kind: Class of the controller.
         parameters: Parameters of the controller, keyed by name.
-        in_loop: Function that runs an action between two cycles.
 
     Raises:
-        ArmInputError: The parameters are invalid, or a controller with this name is loaded already.
+        ArmInputError: The parameters are invalid.
     """
     try:
         checked = kind.parameters_type.model_validate(dict(parameters))
         for key, text in claim_mistakes(checked, stack.files.component):
             raise ArmInputError(f"{name}.{key} {text}")
-        made = kind.build(name, checked, stack.context)
+        return kind.build(name, checked, stack.context)
     except ValidationError as error:
         problems = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
         raise ArmInputError(f"{name}: {problems}") from error
     except (ValueError, KeyError) as error:
         raise error if isinstance(error, ArmInputError) else ArmInputError(f"{name}: {error}") from error
 
-    def add() -> None:
+
+@contextmanager
+def active_controller(stack: ControlStack, made: Controller, in_loop: InLoop) -> Iterator[None]:
+    """Load a controller, and let it drive its joints while the context is open.
+
+    An interrupt may arrive while an action waits for the loop. The loop still runs this action, and then ``remove``.
+
+    Args:
+        stack: Running stack.
+        made: Controller.
+        in_loop: Function that runs an action between two cycles.
+
+    Raises:
+        ArmInputError: A controller with this name is loaded already.
+        ArmBusyError: The controller cannot be activated.
+    """
+    user = _UserController(stack, made)
+    try:
+        in_loop(user.add)
+        in_loop(user.takeover.take)
+        yield
+    finally:
+        with suppress(ArmEndedError):  # The loop deactivated the controller when it ended.
+            in_loop(user.remove)
+
+
+class _UserController:
+    """Controller of a script. The loop's thread calls all methods between two cycles."""
+
+    def __init__(self, stack: ControlStack, made: Controller) -> None:
+        self.takeover = Takeover(stack, made.name)
+        self._registry, self._made = stack.loop.manager.registry, made
+        self._has_name = False
+
+    def add(self) -> None:
+        """Load the controller. Raises ArmInputError."""
+        self._has_name = self._made.name not in self._registry.loaded
         try:
-            stack.loop.manager.registry.add(made)
+            self._registry.add(self._made)
         except ManagerError as error:
             raise ArmInputError(str(error)) from error
 
-    in_loop(add)
-    return made
-
-
-@contextmanager
-def active_controller(stack: ControlStack, name: str, in_loop: InLoop) -> Iterator[None]:
-    """Let a loaded controller drive its joints while the context is open. Raises ArmBusyError."""
-    takeover = Takeover(stack, name)
-    try:
-        in_loop(takeover.take)
-        yield
-    finally:
-        try:
-            in_loop(takeover.give_back)
-            in_loop(lambda: stack.loop.manager.registry.unload(name))
-        except ArmEndedError:  # The loop deactivated the controller when it ended.
-            pass
+    def remove(self) -> None:
+        """Activate the previous controllers, and unload the controller unless another program has unloaded it."""
+        if not self._has_name:  # The loaded controller with this name is not the controller of the script.
+            return
+        self.takeover.give_back()
+        if self._made.name in self._registry.loaded:
+            self._registry.unload(self._made.name)

@@ -5,7 +5,8 @@ import runpy
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from servoloop import (
     MotionFailedError,
 )
 from servoloop.api import stack_backend
+from servoloop.api.pace import SimulatedPace
 from servoloop.api.stream_gate import Takeover
 from servoloop.api.thread_loop import exit_on_signals
 from servoloop.manual.poses import Poses
@@ -452,6 +454,51 @@ def test_a_user_controller_whose_start_is_interrupted_releases_its_joints(
         patch.setattr(Takeover, "take", interrupted)
         loaded.controller(own, joint=ELBOW).__enter__()
     loaded.move_to({ELBOW: 0.3}, duration=0.5)
+    with loaded.controller(own, joint=ELBOW):
+        loaded.sleep(0.1)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_a_user_controller_is_unloaded_if_any_of_its_waits_is_interrupted(
+    loaded: LoadedArm, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """The waits are for loading, for activating and for unloading the controller."""
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    wait, waits = SimulatedPace.wait, count(1)
+
+    def interrupted(pace: SimulatedPace, until: Callable[[], bool], timeout_s: float) -> bool:
+        if next(waits) == number:
+            raise KeyboardInterrupt
+        return wait(pace, until, timeout_s)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(SimulatedPace, "wait", interrupted)
+        with loaded.controller(own, joint=ELBOW):
+            pass
+    loaded.step()  # The loop runs the actions before this cycle.
+    loaded.move_to({ELBOW: 0.3}, duration=0.5)
+    with loaded.controller(own, joint=ELBOW):
+        loaded.sleep(0.1)
+
+
+def test_a_controller_whose_name_is_taken_leaves_the_other_controller_active(loaded: LoadedArm) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    with pytest.raises(ArmInputError, match="'arm_controller' was already loaded"):
+        loaded.controller(own, "arm_controller", joint=ELBOW).__enter__()
+    loaded.move_to({ELBOW: 0.3}, duration=0.5)
+
+
+def test_a_user_controller_that_claims_an_unknown_interface_is_not_kept(loaded: LoadedArm) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+
+    def build(name: str, parameters: object, context: object) -> object:
+        made = own(name, parameters)
+        made.command_interfaces = ("elbow_flex/warmth",)
+        return made
+
+    wrong = type("Wrong", (own,), {"build": staticmethod(build)})
+    with pytest.raises(ArmInputError, match="own_controller claims elbow_flex/warmth"):
+        loaded.controller(wrong, joint=ELBOW).__enter__()
     with loaded.controller(own, joint=ELBOW):
         loaded.sleep(0.1)
 
