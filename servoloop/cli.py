@@ -96,6 +96,8 @@ ERRORS = (
 """Errors that a user can correct. These errors are printed without a traceback."""
 UNUSABLE_PATHS = (errno.EACCES, errno.ENAMETOOLONG)
 """System errors of paths that the user has chosen. Even a check whether such a path exists raises them."""
+NEAR: Final = 40
+"""Number of characters to print before and after characters that cannot be encoded."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
@@ -182,7 +184,8 @@ def _run() -> None:
         _complain(DriverError(f"cannot use {error.filename}: {error.strerror}; choose another path"))
         raise SystemExit(1) from None
     except UnicodeEncodeError as error:
-        _complain(DriverError(f"'{error.object}' contains characters that cannot be encoded: use UTF-8"))
+        near = error.object[max(0, error.start - NEAR) : error.end + NEAR]
+        _complain(DriverError(f"{near!r} contains characters that cannot be encoded: use UTF-8"))
         raise SystemExit(1) from None
     except Interrupted as error:
         _complain(error, color=None)

@@ -8,6 +8,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from commissioning.atomic_write import write_file
+from drivers.printable import printable_line
 from hal.types import FloatArray
 from servoloop.plots import Curve, Panel, Stretch, time_series
 from servoloop.recording.reader import RecordedRun
@@ -23,7 +24,7 @@ def page(run: RecordedRun, name: str) -> str:
     )
     step = ceil(len(run.time_s) / MOST)
     return environment.get_template("page.html.j2").render(
-        name=name, run=run, step=step, error_rad=_largest_errors(run), plots=_plots(run, step)
+        name=printable_line(name), run=run, step=step, error_rad=_largest_errors(run), plots=_plots(run, step)
     )
 
 

@@ -55,6 +55,14 @@ def test_faults_and_goal_results_have_times(run: RecordedRun) -> None:
     assert begin_s < ended_s < end_s and text == "arm_controller: aborted joint3: servo 3 does not respond"
 
 
+def test_a_recording_whose_name_is_not_utf8_is_plotted(recording: Path, tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/x\xff.mcap"))
+    path.write_bytes(recording.read_bytes())
+    done = subprocess.run([sys.executable, "-m", "servoloop", "plot", path], capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert "<h1>x\\udcff.mcap</h1>" in path.with_suffix(".html").read_text()
+
+
 def test_page_needs_no_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:
     done = CliRunner().invoke(app, ["plot", str(recording), "--json"])
     assert done.exit_code == 0, done.output

@@ -318,6 +318,14 @@ def test_text_that_cannot_be_encoded_is_reported(
     assert said == "servoloop: 'grade \\udcff' contains characters that cannot be encoded: use UTF-8\n"
 
 
+def test_of_a_long_text_that_cannot_be_encoded_only_the_wrong_part_is_printed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cli, "app", lambda: f"<p>\n{'a' * 5000}\nx\udcff.mcap\n{'b' * 5000}".encode())
+    said = complaint(capsys, monkeypatch)
+    assert "a\\nx\\udcff.mcap\\nb" in said and len(said) < 200 and said.count("\n") == 1
+
+
 def test_characters_that_stdout_cannot_encode_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
     output = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(output, "utf-8"))
