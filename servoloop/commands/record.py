@@ -1,6 +1,5 @@
 """``servoloop record``, ``plot`` and ``replay``: record a running stack, plot a recording, and repeat its motion."""
 
-import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
@@ -14,6 +13,7 @@ import typer
 from commissioning.atomic_write import require_file
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
+from hal.plausible import RANGES
 from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from servoloop.teach.motion_files import RecordedMotion
 
 OUT: Final = Path("out")
+LONGEST_S: Final = RANGES["time"].highest
+"""Maximum length of a recording with a limit, in seconds."""
 
 
 def record(
@@ -53,8 +55,10 @@ def record(
 
     if file is not None:
         check_path(file)
-    if seconds is not None and not math.isfinite(seconds):
-        raise DriverError(f"--seconds must be a finite number, not {seconds}: omit --seconds to record without a limit")
+    if seconds is not None and seconds > LONGEST_S:
+        raise DriverError(
+            f"--seconds must be 0 to {LONGEST_S:.0f}, not {seconds}: omit --seconds to record without a limit"
+        )
     stack = find_stack(arm, namespace)
     if file is None:
         file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.file_name}{SUFFIX}"

@@ -155,8 +155,9 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
             earlier cycles; if it does not contain any cycles, it is deleted.
     """
     with stream:
-        recording = _LiveRecording(stream, McapFile(path), seconds)
+        file = McapFile(path)
         try:
+            recording = _LiveRecording(stream, file, seconds)
             recording.run(stop)
         except BaseException:
             if not _has_cycles(path):

@@ -60,6 +60,19 @@ def raw(path: Path) -> list[tuple[str, str, bytes, int, bytes]]:
         return [(c.topic, s.name, s.data, m.log_time, m.data) for s, c, m in messages if s is not None]
 
 
+def test_a_recording_that_cannot_begin_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Failing(live_recording._LiveRecording):
+        def __init__(self, *_: object) -> None:
+            raise KeyboardInterrupt
+
+    rig, path = LiveRig(), tmp_path / "live.mcap"
+    monkeypatch.setattr(live_recording, "_LiveRecording", Failing)
+    with pytest.raises(KeyboardInterrupt):
+        record(open_live(find_stack()), path, None, lambda: False)
+    rig.feed.close((), failed=False)
+    assert not path.exists()
+
+
 def test_live_recording_equals_the_output_of_record_option(tmp_path: Path) -> None:
     rig = LiveRig()
     rig.play(0.3)

@@ -74,8 +74,9 @@ def test_errors_are_reported_before_a_file_is_created(
 ) -> None:
     assert "no stack is running: start one" in complaint(capsys, monkeypatch, "record", "run.mcap")
     assert "name must end in .mcap" in complaint(capsys, monkeypatch, "record", "run.bag")
-    endless = complaint(capsys, monkeypatch, "record", "run.mcap", "--seconds", "inf")
-    assert "--seconds must be a finite number, not inf: omit --seconds to record without a limit" in endless
+    for seconds in ("inf", "1e+300", "1000001.0"):
+        endless = complaint(capsys, monkeypatch, "record", "run.mcap", "--seconds", seconds)
+        assert f"--seconds must be 0 to 1000000, not {seconds}: omit --seconds to record without a limit" in endless
     assert not list(tmp_path.iterdir())
     (tmp_path / "there.mcap").touch()
     rig = LiveRig()
