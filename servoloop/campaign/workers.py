@@ -61,7 +61,7 @@ def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T
 
 def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Generator[T, None, None]:
     """Yield the results of all seeds in seed order, until ``stop`` returns True."""
-    chunks = iter([seeds[at : at + CHUNK] for at in range(0, len(seeds), CHUNK)])
+    chunks = (seeds[at : at + CHUNK] for at in range(0, len(seeds), CHUNK))
     waiting: deque[Future[list[T]]] = deque()
     while not stop():
         while len(waiting) < workers * TASKS_AHEAD and (chunk := next(chunks, None)) is not None:

@@ -100,6 +100,17 @@ def test_no_further_task_is_submitted_after_a_stop() -> None:
     assert len(handed) <= 2 + TASKS_AHEAD
 
 
+def test_a_huge_number_of_seeds_starts_at_once() -> None:
+    """The tasks of all seeds would not fit into memory."""
+
+    def submit(chunk: range) -> "Future[list[int]]":
+        future: Future[list[int]] = Future()
+        future.set_result(list(chunk))
+        return future
+
+    assert next(in_order(submit, range(2**62), 1, never)) == 0
+
+
 def kill_at_7(seed: int) -> int:
     if seed == 7:
         os.kill(os.getpid(), signal.SIGKILL)
