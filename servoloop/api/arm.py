@@ -52,7 +52,7 @@ class Arm:
             name_or_folder: Name of an arm listed by ``servoloop arms``, or the path of an arm folder.
             port: Serial port of the servos, such as ``/dev/ttyACM0``, or ``NAME=PATH`` for each of several buses. If
                 None, virtual servos run in a separate process.
-            rate_hz: Rate of the control loop, in Hz. If None, the rate in the controllers file is used.
+            rate_hz: Rate of the control loop, from 1 to 1000 Hz. If None, the rate in the controllers file is used.
             controllers: Controllers file to use instead of the arm's own.
             record: Path of a new recording of the whole run, if any.
 
@@ -88,7 +88,7 @@ class Arm:
             name_or_folder: Name or folder of the arm.
             seed: Random seed for variations of up to 10 % in friction, motors, masses and supply voltage. If
                 None, the nominal arm is used.
-            rate_hz: Rate of the control loop, in Hz. If None, the rate in the controllers file is used.
+            rate_hz: Rate of the control loop, from 1 to 1000 Hz. If None, the rate in the controllers file is used.
             controllers: Controllers file to use instead of the arm's own.
             record: Path of a new recording of the whole run, if any.
             backlash_deg: Backlash of each servo, in degrees.
@@ -340,8 +340,9 @@ class Arm:
             StreamEndedError: The targets arrived too slowly.
             ArmEndedError: The control loop has ended.
         """
-        if rate_hz is not None and not checked_number("rate_hz", rate_hz) > 0.0:
-            raise ArmInputError(f"rate_hz must be above 0, not {rate_hz}")
+        rate = None if rate_hz is None else checked_number("rate_hz", rate_hz)
+        if rate is not None and not rate > 0.0:
+            raise ArmInputError(f"rate_hz must be above 0, not {rate:g}")
         age_s = checked_number("max_age", max_age)
         stream = TargetStream(self._backend, lambda positions: by_joint(positions, self._arm), age_s)
         if targets is None:
@@ -349,8 +350,8 @@ class Arm:
         with stream:
             for target in targets:
                 stream.send(target)
-                if rate_hz is not None:
-                    self.sleep(1.0 / rate_hz)
+                if rate is not None:
+                    self.sleep(1.0 / rate)
         return None
 
     def stop(self) -> None:

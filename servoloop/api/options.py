@@ -11,6 +11,7 @@ from typing import Final
 from controller.manager_errors import ControllersFileError, ManagerError, PluginError
 from drivers.driver_errors import DriverError
 from hal.hal_errors import HalError
+from hal.plausible import RANGES
 from servoloop.api.arm_errors import ArmError, ArmSetupError
 from servoloop.api.checks import number_of
 from servoloop.recording.mcap import check_path
@@ -42,10 +43,16 @@ class ArmOptions:
             files = read_arm_files(find_arm(self.arm), controllers=self.controllers)
         if self.rate_hz is None:
             return files
-        rate_hz = number_of(self.rate_hz)
-        if rate_hz is None or not rate_hz > 0.0:
-            raise ArmSetupError(f"rate_hz must be above 0, not {self.rate_hz!r}")
-        return replace(files, controllers=replace(files.controllers, update_rate_hz=self.rate_hz))
+        return replace(files, controllers=replace(files.controllers, update_rate_hz=_checked_rate(self.rate_hz)))
+
+
+def _checked_rate(value: object) -> int:
+    """Return a rate within the range that controllers files allow, in Hz. Raises ArmSetupError."""
+    allowed, rate_hz = RANGES["update_rate"], number_of(value)
+    if rate_hz is not None and allowed.lowest <= rate_hz <= allowed.highest and rate_hz.is_integer():
+        return int(rate_hz)
+    shown = repr(value) if rate_hz is None else f"{rate_hz:g}"
+    raise ArmSetupError(f"rate_hz must be a whole number from {allowed.lowest:g} to {allowed.highest:g}, not {shown}")
 
 
 def check_virtual_arm(seed: object, backlash_deg: object) -> None:

@@ -6,8 +6,10 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from decimal import Decimal
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,6 +40,7 @@ from tests.api.loaded_arm import FREE, LoadedArm
 from tests.pages import ROOT
 
 ELBOW = "elbow_flex"
+RATE_RANGE = "rate_hz must be a whole number from 1 to 1000"
 GRIPPER_TYPE = "parallel_gripper_action_controller/GripperActionController"
 
 
@@ -230,8 +233,9 @@ def test_equal_programs_have_equal_results() -> None:
     assert run(5) == first and run(6) != first
 
 
-def test_each_step_is_one_cycle_and_waits_keep_the_rate() -> None:
-    with Arm.simulated("so101", rate_hz=50) as arm:
+@pytest.mark.parametrize("rate_hz", [50, Decimal(50)])
+def test_each_step_is_one_cycle_and_waits_keep_the_rate(rate_hz: Any) -> None:
+    with Arm.simulated("so101", rate_hz=rate_hz) as arm:
         times = [arm.step().time_s for _ in range(10)]
         assert np.diff(times) == pytest.approx(0.02, abs=5e-4)
         arm.sleep(0.5)
@@ -315,9 +319,14 @@ def test_a_closed_arm_explains_itself() -> None:
     ("name", "options", "message"),
     [
         ("so99", {}, "there is no arm so99: choose one of bimanual_so101, koch"),
-        ("so101", {"rate_hz": 0}, "rate_hz must be above 0, not 0"),
-        ("so101", {"rate_hz": 2000}, "2000 Hz is too fast"),
-        ("so101", {"rate_hz": "20"}, "rate_hz must be above 0, not '20'"),
+        ("so101", {"rate_hz": 0}, f"{RATE_RANGE}, not 0$"),
+        ("so101", {"rate_hz": 1e-9}, f"{RATE_RANGE}, not 1e-09$"),
+        ("so101", {"rate_hz": 1001}, f"{RATE_RANGE}, not 1001$"),
+        ("so101", {"rate_hz": 10**5000}, f"{RATE_RANGE}, not inf$"),
+        ("so101", {"rate_hz": Decimal("50.5")}, rf"{RATE_RANGE}, not 50\.5$"),
+        ("so101", {"rate_hz": math.nan}, f"{RATE_RANGE}, not nan$"),
+        ("so101", {"rate_hz": "20"}, f"{RATE_RANGE}, not '20'$"),
+        ("so101", {"rate_hz": 1000}, "1000 Hz is too fast"),
         ("so101", {"seed": -1}, "seed must be a whole number of at least 0, not -1"),
         ("so101", {"seed": 0.5}, r"seed must be a whole number of at least 0, not 0\.5"),
         ("so101", {"backlash_deg": -5}, "backlash_deg must be a finite angle of at least 0, not -5"),
@@ -327,7 +336,8 @@ def test_a_closed_arm_explains_itself() -> None:
         ("a" * 300, {}, "there is no arm aaa"),
     ],
     ids=[
-        *("arm", "no rate", "fast", "rate as text", "seed", "fraction as seed", "backlash", "no number as backlash"),
+        *("arm", "no rate", "slow", "fast", "huge rate", "fraction as rate", "no number as rate", "rate as text"),
+        *("too fast for the bus", "seed", "fraction as seed", "backlash", "no number as backlash"),
         *("controllers", "recording", "long name"),
     ],
 )
@@ -501,6 +511,16 @@ def test_a_user_controller_that_claims_an_unknown_interface_is_not_kept(loaded: 
         loaded.controller(wrong, joint=ELBOW).__enter__()
     with loaded.controller(own, joint=ELBOW):
         loaded.sleep(0.1)
+
+
+@pytest.mark.parametrize("rate_hz", [Decimal(40), 10**400])
+def test_targets_are_sent_at_a_rate_of_any_numeric_type(loaded: LoadedArm, rate_hz: Any) -> None:
+    loaded.stream([{PAN: 0.1}, {PAN: 0.2}], rate_hz=rate_hz)
+
+
+def test_targets_cannot_be_sent_at_a_negative_rate(loaded: LoadedArm) -> None:
+    with pytest.raises(ArmInputError, match="rate_hz must be above 0, not -inf"):
+        loaded.stream([{PAN: 0.1}], rate_hz=-(10**5000))
 
 
 def test_a_port_that_does_not_exist_is_named() -> None:
