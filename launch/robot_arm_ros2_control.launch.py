@@ -15,6 +15,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import ExecutableInPackage
 
+from drivers.paths import resolved
 from hal.hal_errors import ArmFileError
 from hal.yaml_nodes import read
 from launch import LaunchContext, LaunchDescription
@@ -66,7 +67,7 @@ def pick_place_file(folder: Path) -> Path:
     if "pick_place" not in own and "like" in own:
         folder = folder / str(own["like"])
         own = arm_file(folder)
-    return (folder / str(own.get("pick_place", "pick_place.yaml"))).resolve()
+    return resolved(folder / str(own.get("pick_place", "pick_place.yaml")))
 
 
 def arm_file(folder: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from drivers.paths import resolved
 from hal.types import FloatArray
 from planning.planning_errors import PlanningError
 from planning.scene import Mesh
@@ -49,7 +50,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     if not found:
         raise MeshFileError(f"mesh file {path} does not exist: correct the path")
     spec = mujoco.MjSpec()
-    spec.add_mesh(name="mesh", file=str(path.resolve()), scale=[scale] * 3)
+    spec.add_mesh(name="mesh", file=str(resolved(path)), scale=[scale] * 3)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
     try:
         model = spec.compile()

@@ -94,7 +94,7 @@ ERRORS = (
     PlanningError,
 )
 """Errors that a user can correct. These errors are printed without a traceback."""
-UNUSABLE_PATHS = (errno.EACCES, errno.ENAMETOOLONG)
+UNUSABLE_PATHS = (errno.EACCES, errno.ELOOP, errno.ENAMETOOLONG)
 """System errors of paths that the user has chosen. Even a check whether such a path exists raises them."""
 NEAR: Final = 40
 """Number of characters to print before and after characters that cannot be encoded."""

@@ -12,6 +12,8 @@ from typing import Final
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from drivers.paths import resolved
+
 RULE_FOLDERS: Final = ("usr/lib/udev/rules.d", "lib/udev/rules.d", "run/udev/rules.d", "etc/udev/rules.d")
 """Folders that contain udev rules. A file in a later folder replaces the file of the same name in an earlier folder."""
 
@@ -63,13 +65,13 @@ class Machine:
 
     def by_id(self, device: str) -> str | None:
         """Return the link in /dev/serial/by-id, whose name stays the same when the device number changes."""
-        path = self.path(device).resolve()
+        path = resolved(self.path(device))
         links = sorted((self.root / "dev/serial/by-id").glob("*"))
-        return next((f"/dev/serial/by-id/{link.name}" for link in links if link.resolve() == path), None)
+        return next((f"/dev/serial/by-id/{link.name}" for link in links if resolved(link) == path), None)
 
     def holders(self, device: str) -> tuple[Holder, ...]:
         """Return the other programs that have the device open and are visible to this user."""
-        mine, names = os.getpid(), {device, str(self.path(device).resolve())}
+        mine, names = os.getpid(), {device, str(resolved(self.path(device)))}
         return tuple(
             Holder(pid, name)
             for pid, name in self._programs()

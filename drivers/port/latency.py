@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Final
 
+from drivers.paths import resolved
+
 GOOD_MS: Final = 2
 HELD_BACK: Final = (
     "the adapter or a hub delays replies: set the adapter's latency timer to 1 ms, and plug the adapter "
@@ -14,7 +16,7 @@ _SYS: Final = Path("/sys/class/tty")
 
 def latency_advice(device: str, sys_tty: Path = _SYS) -> str | None:
     """Return how to shorten the adapter's latency timer, or None if it is short enough or there is none."""
-    timer = sys_tty / Path(device).resolve().name / "device" / "latency_timer"
+    timer = sys_tty / resolved(device).name / "device" / "latency_timer"
     try:
         latency_ms = int(timer.read_text())
     except (OSError, ValueError):  # other types of adapters have no latency timer

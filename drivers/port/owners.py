@@ -7,25 +7,27 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from drivers.paths import resolved
+
 PSEUDO_TERMINALS = Path("/dev/pts")
 
 
 def port_owners(path: Path) -> Iterator[str]:
     """Yield the names of other processes that have the device open. Processes that belong to other users may be
     hidden."""
-    device = path.resolve()
+    device = resolved(path)
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
         if int(process.name) != os.getpid() and _has_open(process, device) and not _serves(process, device):
             yield f"{_command(process)} (process {process.name})"
 
 
 def held_by_us(path: Path) -> bool:
-    return _has_open(Path("/proc/self"), path.resolve())
+    return _has_open(Path("/proc/self"), resolved(path))
 
 
 def is_pseudo_terminal(path: Path) -> bool:
     """Return whether the device is a pseudo-terminal, which is served by a program instead of an adapter."""
-    return path.resolve().parent == PSEUDO_TERMINALS
+    return resolved(path).parent == PSEUDO_TERMINALS
 
 
 def _has_open(process: Path, device: Path) -> bool:

@@ -15,6 +15,7 @@ import serial
 
 from drivers.clock import Clock, MonotonicClock
 from drivers.driver_errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial
+from drivers.paths import resolved
 from drivers.port.latency import latency_advice
 from drivers.port.owners import held_by_us, is_pseudo_terminal, port_owners
 
@@ -259,7 +260,7 @@ def _may_be_serial(found: os.stat_result) -> bool:
         return False
     number = found.st_rdev
     subsystem = Path(f"/sys/dev/char/{os.major(number)}:{os.minor(number)}/subsystem")  # missing for pseudo-terminals
-    return not subsystem.exists() or subsystem.resolve().name == "tty"
+    return not subsystem.exists() or resolved(subsystem).name == "tty"
 
 
 def _missing_text(device: str) -> str:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, Self
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel, field_validator, model_validator
 
+from drivers.paths import resolved
 from drivers.protocol import v1
 from drivers.servos import catalog
 from drivers.servos.register import Access, Register, ServoModel, between, merged
@@ -147,7 +148,7 @@ def load_servo_models(folder: Path) -> tuple[ServoModel, ...]:
         if not found:
             model, like = _model(name, described), catalog.MODELS[described.like]
             try:
-                catalog.add(model, like, path.resolve())
+                catalog.add(model, like, resolved(path))
             except ValueError as error:
                 found.append(f"{source.place((name, 'number'))}: {error}")
             models.append(model)

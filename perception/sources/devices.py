@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from drivers.paths import resolved
 from drivers.port.owners import port_owners
 from perception.perception_errors import CameraBusy, CameraDenied, CameraError, CameraMissing, unreadable
 
@@ -43,7 +44,7 @@ def _cameras(root: Path) -> Iterator[CameraDevice]:
         if not number.isdecimal() or _text(folder / "index") not in ("0", ""):
             continue  # a second device node of the same camera, which delivers metadata
         path = root / "dev" / folder.name
-        link = next((link for link in links if link.resolve() == path.resolve()), None)
+        link = next((link for link in links if resolved(link) == resolved(path)), None)
         yield CameraDevice(
             device=f"/dev/{folder.name}",
             index=int(number),

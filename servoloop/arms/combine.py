@@ -7,6 +7,7 @@ from typing import Final
 
 from commissioning.atomic_write import make_folder, write_file
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.paths import resolved
 from hal.hal_errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
 from hal.robot_file.servo_models import FILE_NAME
@@ -107,7 +108,7 @@ def combine(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]
 def combined(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]) -> dict[str, str]:
     """Return the text of each file for a folder, keyed by file name. Raises the same errors as ``combine``."""
     parts = [_part(name, arm, bases[name]) for name, arm in arms.items()]
-    name = folder.resolve().name
+    name = resolved(folder).name
     in_scene = not missing_extras("the scene", "sim") and all(part.arm.scene.exists() for part in parts)
     heights_m = _heights_m(parts) if in_scene else {part.name: part.base.z_m for part in parts}
     files = {
@@ -117,7 +118,7 @@ def combined(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose
         "controllers.yaml": texts.controllers_text(parts),
         POSES_FILE: texts.poses_text(parts),
         FILE_NAME: texts.servo_models_text(parts),
-        str(PLACES): texts.meshes_text(parts, folder.resolve()),
+        str(PLACES): texts.meshes_text(parts, resolved(folder)),
         **dict(texts.licenses(parts)),
     }
     if in_scene:

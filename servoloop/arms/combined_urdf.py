@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element
 
+from drivers.paths import resolved
 from servoloop.arms.combined_names import BASE, NAMED, Part
 from servoloop.arms.new_urdf import PLUGIN, ROBOT_FILE, keep_meshes
 
@@ -36,7 +37,7 @@ def combined_urdf(name: str, parts: Sequence[Part], heights_m: Mapping[str, floa
     ElementTree.SubElement(hardware, "param", {"name": "robot"}).text = ROBOT_FILE
     for part in parts:
         arm = ElementTree.fromstring(part.files.description.xml)
-        keep_meshes(arm, part.files.urdf_path.resolve().parent, folder.resolve())
+        keep_meshes(arm, resolved(part.files.urdf_path).parent, resolved(folder))
         roots = _roots(arm)
         _prefix(arm, part)
         robot.extend(_mount(part, f"{part.prefix}{root}", heights_m[part.name]) for root in roots)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element
 
+from drivers.paths import resolved
 from drivers.servos.register import ServoModel
 from hal.hal_errors import ArmFileError, DescriptionError
 from hal.robot_description.description import parse_urdf
@@ -74,7 +75,7 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
     reach_rad = REACH_SHARE * model.last_count / model.counts_per_turn * 2.0 * pi
     for joint in driven:
         _limit_endless(joint, reach_rad)
-    keep_meshes(robot, urdf.resolve().parent, folder.resolve())
+    keep_meshes(robot, resolved(urdf).parent, resolved(folder))
     robot.append(_block(name, driven, reach_rad))
     xml = _prolog(text) + ElementTree.tostring(robot, encoding="unicode") + "\n"
     joints = parse_urdf(xml, str(urdf)).joints

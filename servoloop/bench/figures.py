@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from commissioning.ports.adapters import ports
+from drivers.paths import resolved
 from servoloop.bench.bus import BusSpeed
 
 
@@ -106,8 +107,8 @@ class ArmFigures:
 
 def machine_figures(devices: Iterable[str], realtime: bool) -> MachineFigures:
     """Return the properties of this machine."""
-    known = {Path(one.device).resolve(): one for one in ports().adapters}
-    found = [known.get(Path(device).resolve()) for device in devices]
+    known = {resolved(one.device): one for one in ports().adapters}
+    found = [known.get(resolved(device)) for device in devices]
     return MachineFigures(
         system=f"{platform.system()} {platform.release()}, {platform.machine()}",
         processor=_processor(),

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from itertools import count
 from typing import Any
 
+from drivers.paths import resolved
 from servoloop.api.arm_errors import ArmError
 from servoloop.api.backend import ArmBackend, MotionGoal, MotionProgress
 from servoloop.api.socket_errors import command_error
@@ -98,7 +99,7 @@ class ArmRequests:
 
     def _describe(self, client: Owner, message: messages.DescribeArm) -> Reply:
         arm = self._arm.description
-        return {**asdict(arm), "folder": None if arm.folder is None else str(arm.folder.resolve())}
+        return {**asdict(arm), "folder": None if arm.folder is None else str(resolved(arm.folder))}
 
     def _move(self, client: Owner, message: messages.MoveJoints) -> Reply:
         goal = MotionGoal(

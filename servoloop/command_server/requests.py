@@ -14,6 +14,7 @@ from controller.manager.switch import Loaded, Strictness, SwitchRequest
 from controller.manager_errors import ManagerError
 from controller.trajectory.goal import GoalPoint
 from drivers.driver_errors import DriverError
+from drivers.paths import resolved
 from hal.hal_errors import HalError
 from servoloop.api.arm_errors import ArmError
 from servoloop.api.backend import ArmBackend
@@ -136,7 +137,7 @@ class StackRequests:
     def _hello(self, client: Client, message: messages.Hello) -> Reply:
         client.name = message.client or client.name
         files, loop = self._stack.files, self._loop
-        folder = None if files.folder is None else str(files.folder.resolve())
+        folder = None if files.folder is None else str(resolved(files.folder))
         return {"arm": files.arm, "folder": folder, "rate_hz": 1.0 / loop.period_s}
 
     def _watch(self, client: Client, message: messages.WatchStates) -> Reply:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.driver_errors import DriverError
+from drivers.paths import resolved
 from drivers.printable import counted
 from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
@@ -88,7 +89,7 @@ class SelectedArm:
             return
         log_to_terminal()
         with Arm(
-            find_arm(self.arm or OWN).folder.resolve(), self.port.split(","), rate_hz=self.rate_hz or RATE_HZ
+            resolved(find_arm(self.arm or OWN).folder), self.port.split(","), rate_hz=self.rate_hz or RATE_HZ
         ) as arm:
             yield arm
 

@@ -13,6 +13,7 @@ from typing import IO, Final, NamedTuple, Self
 from mcap.reader import NonSeekingReader
 
 from drivers.driver_errors import DriverError
+from drivers.paths import resolved
 from servoloop.recording.mcap_messages import Encoded, Received, decoded, encoded
 
 
@@ -163,7 +164,7 @@ def _is_of(stack: RunningStack, arm: str | None, namespace: str | None) -> bool:
     if arm is None:
         return True
     if "/" in arm:
-        return stack.folder is not None and stack.folder == Path(arm).resolve()
+        return stack.folder is not None and stack.folder == resolved(arm)
     return _in_file_names(arm) == stack.arm or arm == str(stack.pid)
 
 

@@ -8,6 +8,7 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.calibrate.plan import ArmPlan
+from drivers.paths import resolved
 from hal.hal_errors import ArmFileError
 from hal.text_file import exists
 from hal.yaml_file import load
@@ -80,7 +81,7 @@ class ArmFolder:
         return self._path(self.file.pick_place_poses)
 
     def _path(self, name: str) -> Path:
-        return (self.folder / name).resolve()
+        return resolved(self.folder / name)
 
 
 def arms(folder: Path = ARMS) -> list[ArmFolder]:
@@ -121,7 +122,7 @@ def read_arm(folder: Path) -> ArmFolder:
     Raises:
         ArmFileError: The file has errors. The message lists all of them.
     """
-    home = folder.resolve()
+    home = resolved(folder)
     own = load(folder / ARM_FILE, ArmFile, ArmFileError)
     return ArmFolder(home.name, home, own if own.like is None else _completed(own, home / own.like, folder / ARM_FILE))
 
@@ -133,7 +134,7 @@ def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
         raise ArmFileError(
             f"{path}: `like` refers to {model.name}, which itself copies {other.like}: specify {other.like} instead"
         )
-    paths = {name: str((model / getattr(other, name)).resolve()) for name in PATHS}
+    paths = {name: str(resolved(model / getattr(other, name))) for name in PATHS}
     rest = {"source": other.source, "license": other.license, "calibration": other.calibration, **paths}
     return own.model_copy(update={name: value for name, value in rest.items() if name not in own.model_fields_set})
 
@@ -169,5 +170,5 @@ def read_arm_servos(
     """
     own = None if urdf else arm.robot
     servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene, xacro_arguments)
-    poses = arm.folder if urdf is None or urdf.resolve() == arm.urdf else urdf.resolve().parent
+    poses = arm.folder if urdf is None or resolved(urdf) == arm.urdf else resolved(urdf).parent
     return replace(servos, arm=arm.name, arm_folder=arm.folder, folder=poses)

@@ -8,6 +8,7 @@ from commissioning.calibrate.plan import AUTO_PARTS
 from controller.manager.controllers_file import ControllersFile, load_controllers_file
 from controller.manager.parameter_file import read_parameter_file
 from controller.manager_errors import ControllersFileError
+from drivers.paths import resolved
 from hal.hal_errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
@@ -230,7 +231,7 @@ def check_arm(folder: Path) -> list[str]:
     try:
         return _Check(read_arm(folder)).run()
     except ArmFileError as error:
-        home = folder.resolve()
+        home = resolved(folder)
         without = ArmFolder(home.name, home, ArmFile(description=home.name))
         return [*str(error).splitlines(), *_Check(without, names_known=False).run()]
 

@@ -7,6 +7,7 @@ from typing import Final
 from xml.etree.ElementTree import Element
 from xml.parsers.expat import ExpatError
 
+from drivers.paths import resolved
 from hal.file_size import LARGEST_SHAPE_BYTES, REDUCE, check_size
 from hal.hal_errors import ArmFileError
 from hal.robot_description.xml_places import parse_xml, place
@@ -40,7 +41,7 @@ class _Parts:
 
     def read(self, path: Path, home: Path) -> list[Element]:
         """Read a scene and all scenes to which it refers. ``home`` is the folder to which file names are relative."""
-        self._read.add(path.resolve())
+        self._read.add(resolved(path))
         root = _parsed(path)
         homes = list(dict.fromkeys((home, path.parent)))
         roots = [root]
@@ -53,7 +54,7 @@ class _Parts:
 
     def _named(self, element: Element, path: Path, home: Path) -> list[Element]:
         """Return the scenes in the file to which an element refers, or no scenes if the file has already been read."""
-        if path.resolve() in self._read:
+        if resolved(path) in self._read:
             return []
         try:
             check_size(path, ArmFileError)

@@ -209,5 +209,5 @@ def _is_of(stack: StackConnection, arm: str | None, namespace: str | None) -> bo
     if arm is None:
         return True
     if "/" in arm:
-        return stack.folder is not None and Path(stack.folder) == Path(arm).resolve()
+        return stack.folder is not None and stack.folder == os.path.realpath(arm)
     return arm in (stack.arm, stack.pid)

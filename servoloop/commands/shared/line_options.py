@@ -3,13 +3,13 @@
 import signal
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
+from drivers.paths import resolved
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import end_signals
 
@@ -161,5 +161,5 @@ def adapter_serial(device: str) -> str | None:
     """Return the serial number of a device's USB adapter, or None if it has no serial number."""
     from serial.tools.list_ports import comports
 
-    path = Path(device).resolve()
-    return next((one.serial_number for one in comports() if Path(one.device).resolve() == path), None)
+    path = resolved(device)
+    return next((one.serial_number for one in comports() if resolved(one.device) == path), None)

@@ -159,6 +159,14 @@ def test_the_arm_is_chosen_by_name_and_process(rig: SocketRig, connect: Callable
     assert connect("robot_arm").label == connect(str(rig.running.pid)).label
 
 
+def test_a_loop_of_links_is_the_folder_of_no_stack(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    loop = tmp_path / "loop"
+    loop.symlink_to("loop")
+    with served(monkeypatch, replace(read_files(), folder=tmp_path)):
+        text = refused("not_found", lambda: connection.find_stack_connection(str(loop), None, "test"))
+    assert text.startswith(f"no stack of {loop} is running. Running stacks: robot_arm")
+
+
 def test_two_stacks_need_a_choice(rig: SocketRig, connect: Callable[..., ConnectedArm]) -> None:
     path: Path = rig.running.commands
     path.with_name("so101-1.command").symlink_to(path)
