@@ -83,7 +83,7 @@ class Eeprom:
             return
         if register.name == "id":
             self._refuse_taken(register, value)
-        self._unlock(register)
+        self.unlock(register)
         try:
             self._put(register, value)
         except PortLost as error:
@@ -97,7 +97,7 @@ class Eeprom:
         The caller must find the servo again and set ``bus``.
         """
         register.check(value)
-        self._unlock(register)
+        self.unlock(register)
         self._try_write(register, value)
 
     def _put(self, register: Register, value: int) -> None:
@@ -174,7 +174,7 @@ class Eeprom:
             f"was changed to {new_id}, but the servo responds to neither its new nor its old ID: check its power",
         )
 
-    def _unlock(self, register: Register) -> None:
+    def unlock(self, register: Register) -> None:
         """Open the lock before the first write. Raises EepromError if torque is enabled."""
         if self._touched:
             return

@@ -3,6 +3,7 @@
 A change that would give two servos the same ID at the same baud rate is rejected.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -57,11 +58,18 @@ def set_id(servo: FoundServo, new_id: int) -> IdChange:
     return IdChange(servo.servo_id, new_id, servo.port.baud)
 
 
-def set_baud(servo: FoundServo, baud: int) -> BaudChange:
+def set_baud(servo: FoundServo, baud: int, before_write: Callable[[], None] = lambda: None) -> BaudChange:
     """Give the servo a new baud rate and check that it responds at this rate. The port stays at the new rate.
 
-    Raises CommissioningError if the servo or the adapter does not support the rate, or another servo already has this
-    ID and rate.
+    Args:
+        servo: The servo.
+        baud: New baud rate.
+        before_write: Function that is called immediately before the baud rate is written, if it must be written.
+
+    Raises:
+        CommissioningError: The servo or the adapter does not support the rate, or another servo already has this ID and
+            rate.
+        EepromError: The torque of the servo is enabled, or the rate was not changed.
     """
     register = register_named(servo.model, "baud_rate")
     values = {rate: value for value, rate in rates_of(servo.model).items()}
@@ -77,6 +85,8 @@ def set_baud(servo: FoundServo, baud: int) -> BaudChange:
     old = servo.read(register)
     with eeprom(servo.bus, servo.servo_id, servo.series.lock) as memory:
         try:
+            memory.unlock(register)
+            before_write()
             memory.write_unread(register, values[baud])
             found = _follow(servo, memory, register, (baud, former))
         except PortLost:

@@ -67,11 +67,10 @@ def set_baud(
     with servo_at(port, servo_id, baud) as servo:
         question = f"servo {servo_id} ({servo.name}) will change from {servo.port.baud} to {new_baud} baud: continue?"
         confirm(question, yes)
-        if servo.port.baud != new_baud:  # The user needs this command most if the change fails halfway.
-            where = f" --port {port}" if port else ""
-            undo = f"servoloop set-baud {servo_id} {servo.port.baud}{where}"
-            typer.echo(f"To undo this change, run: {undo}", err=True)
-        changed = change(servo, new_baud)
+        where = f" --port {port}" if port else ""
+        undo = f"To undo this change, run: servoloop set-baud {servo_id} {servo.port.baud}{where}"
+        # The user needs this command most if the change fails halfway.
+        changed = change(servo, new_baud, before_write=lambda: typer.echo(undo, err=True))
     if json:
         print_json(changed)
     else:

@@ -295,11 +295,26 @@ def test_set_baud_prints_how_to_undo_the_change_before_the_change(
     def fails(*_: object) -> None:
         raise DriverError("servo 3 does not respond")
 
-    monkeypatch.setattr("commissioning.registers.address.set_baud", fails)
+    monkeypatch.setattr(Eeprom, "write_unread", fails)
     assert run(monkeypatch, "set-baud", "3", "500000", "--port", str(link), "--yes") == 1
     said = capsys.readouterr().err.splitlines()
     undo = f"To undo this change, run: servoloop set-baud 3 1000000 --port {link}"
     assert said == [undo, "servoloop: servo 3 does not respond"]
+
+
+@pytest.mark.parametrize(("baud", "torque"), [("500000", 1), ("123456", 0), ("1000000", 0)])
+def test_set_baud_prints_no_command_to_undo_if_nothing_is_written(
+    bus: ServoLine[Any],
+    link: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    baud: str,
+    torque: int,
+) -> None:
+    bus.servo(3).memory.put(sts.torque_enable, torque)
+    before = bus.servo(3).memory.get(sts.baud_rate)
+    run(monkeypatch, "set-baud", "3", baud, "--port", str(link), "--yes")
+    assert "To undo" not in capsys.readouterr().err and bus.servo(3).memory.get(sts.baud_rate) == before
 
 
 def test_an_eeprom_that_may_be_unlocked_is_reported(
