@@ -163,6 +163,10 @@ def _sent(client: socket.socket, line: bytes) -> bool:
     return False
 
 
+TOO_LONG: Final = "choose a shorter path, or set TMPDIR to a shorter path if this path is in the temporary folder"
+"""Remedy for a path that is too long for a socket. Python reports this error without a number."""
+
+
 def listening(path: Path) -> socket.socket:
     """Return a non-blocking socket that listens on ``path``. Raises PortBusy if another emulator serves the path, or
     PortError if the path cannot be used."""
@@ -173,7 +177,8 @@ def listening(path: Path) -> socket.socket:
         made.bind(str(path))
     except OSError as error:
         made.close()
-        raise PortError(f"cannot serve at {path}: {error.strerror or error}: choose another path") from error
+        remedy = "choose another path" if error.errno else TOO_LONG
+        raise PortError(f"cannot serve at {path}: {error.strerror or error}: {remedy}") from error
     except PortError:
         made.close()
         raise

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.driver_errors import PortBusy
+from drivers.driver_errors import PortBusy, PortError
 from sim_backend.scene.world_feed import PERIOD_S, WorldFeed, WorldFeedClient, feed_path
 
 
@@ -174,6 +174,12 @@ def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(PortBusy, match="not an emulator's socket"):
         WorldFeed(path)
     assert path.read_text() == "mine"
+
+
+def test_a_path_that_is_too_long_for_a_socket_is_reported_with_the_remedy(tmp_path: Path) -> None:
+    """Without a path from the user, the path is in the temporary folder."""
+    with pytest.raises(PortError, match=r"bus.world: AF_UNIX path too long: choose a shorter path, or .* TMPDIR"):
+        WorldFeed(feed_path(tmp_path / ("x" * 100) / "bus"))
 
 
 def test_clients_do_not_wait_for_an_emulator_that_hangs(tmp_path: Path) -> None:
