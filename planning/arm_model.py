@@ -7,14 +7,15 @@ object.
 
 import builtins
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.polynomial import polynomial
 
 from hal.types import FloatArray, JointLimits
+from planning.followers import followers
 from planning.planning_errors import PlanningError
 
 SLIDE: Final = int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -26,19 +27,6 @@ Pair = tuple[str, str]
 def pair(one: str, other: str) -> Pair:
     """Return two names in sorted order."""
     return (one, other) if one < other else (other, one)
-
-
-class Follower(NamedTuple):
-    """Coupling of a mimic joint, from a joint equality constraint in the scene."""
-
-    joint: int
-    """ID of the mimic joint in the model."""
-    leader: int
-    """ID of the joint that the mimic joint follows."""
-    coefficients: FloatArray
-    """Polynomial coefficients (5,), lowest power first. The polynomial converts the leader's offset from its initial
-    position to the follower's offset.
-    """
 
 
 class ArmModel:
@@ -60,7 +48,7 @@ class ArmModel:
         """Names of the planned joints (n)."""
         self.limits = tuple(limits.values())
         """Limits of the planned joints (n)."""
-        self.followers = _followers(model)
+        self.followers = followers(model)
         """Mimic joints. A leader precedes its followers."""
         self.joint_ids = tuple(self._planned(name) for name in self.joints)
         """IDs of the planned joints in the model (n)."""
@@ -202,26 +190,3 @@ class ArmModel:
                 raise PlanningError(
                     "INVALID_ROBOT_STATE", f"joint {name} of the arm is neither a hinge nor a slide: remove the joint"
                 )
-
-
-def _followers(model: Any) -> tuple[Follower, ...]:
-    found = []
-    for row in range(model.neq):
-        is_joint = int(model.eq_type[row]) == int(mujoco.mjtEq.mjEQ_JOINT)
-        if is_joint and model.eq_active0[row] and int(model.eq_obj2id[row]) >= 0:
-            coefficients = np.array(model.eq_data[row, :5])
-            found.append(Follower(int(model.eq_obj1id[row]), int(model.eq_obj2id[row]), coefficients))
-    return _leaders_first(found)
-
-
-def _leaders_first(followers: Sequence[Follower]) -> tuple[Follower, ...]:
-    ordered: list[Follower] = []
-    waiting = list(followers)
-    while waiting:
-        open_joints = {follower.joint for follower in waiting}
-        ready = [follower for follower in waiting if follower.leader not in open_joints]
-        if not ready:
-            raise PlanningError("INVALID_ROBOT_STATE", "mimic joints of the scene depend on each other in a loop")
-        ordered += ready
-        waiting = [follower for follower in waiting if follower not in ready]
-    return tuple(ordered)

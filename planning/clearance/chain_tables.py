@@ -5,13 +5,16 @@ Index letters: f for a link, j for a joint of the arm, n for a planned joint. A 
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.polynomial import polynomial
 
 from hal.types import FloatArray
 from planning.arm_model import SLIDE, ArmModel
+from planning.followers import Follower
 from planning.planning_errors import PlanningError
 
 
@@ -59,7 +62,7 @@ def chain_tables(arm: ArmModel) -> ChainTables:
     followers = [follower for follower in arm.followers if follower.joint in index and follower.leader in index]
     counts = [len(_joints(model, body)) for body in bodies]
     chain, length = _chains(arm, frame, index)
-    return ChainTables(
+    tables = ChainTables(
         parent=np.array([frame.get(int(model.body_parentid[body]), -1) for body in bodies]),
         link_pos=np.array([model.body_pos[body] for body in bodies]),
         link_mat=np.array([_matrix(model.body_quat[body]) for body in bodies]),
@@ -72,10 +75,11 @@ def chain_tables(arm: ArmModel) -> ChainTables:
         follower=np.array([index[follower.joint] for follower in followers], dtype=np.int64),
         leader=np.array([index[follower.leader] for follower in followers], dtype=np.int64),
         coefficients=np.array([follower.coefficients for follower in followers]).reshape(-1, 5),
-        steepest=np.array([_steepest(arm, follower.leader, follower.coefficients) for follower in followers]),
+        steepest=np.zeros(len(followers)),
         chain=chain,
         chain_length=length,
     )
+    return tables._replace(steepest=_steepest(arm, tables, followers))
 
 
 def joint_positions(arm: ArmModel) -> FloatArray:
@@ -86,14 +90,42 @@ def joint_positions(arm: ArmModel) -> FloatArray:
 
 def travels(arm: ArmModel, tables: ChainTables) -> FloatArray:
     """Return the maximum distance of each slide from its initial position (j,), in m, with 0 for hinges."""
+    return np.where(tables.slides, _farthest(arm, tables), 0.0)
+
+
+def _farthest(arm: ArmModel, tables: ChainTables) -> FloatArray:
+    """Return the maximum distance of each joint from its initial position (j,), in rad or m."""
     farthest = np.abs(joint_positions(arm) - tables.initial)
     for joint, limit in zip(tables.planned, arm.limits, strict=True):
         ends = np.array([limit.lower, limit.upper]) - tables.initial[joint]
         farthest[joint] = max(farthest[joint], float(np.abs(ends).max()))
     for follower, leader, terms in zip(tables.follower, tables.leader, tables.coefficients, strict=True):
-        powers = farthest[leader] ** np.arange(5) if terms[1:].any() else np.array([1.0, 0, 0, 0, 0])
-        farthest[follower] = float(np.abs(terms) @ powers)
-    return np.where(tables.slides, farthest, 0.0)
+        farthest[follower] = _largest(terms, farthest[leader])
+    return farthest
+
+
+def _largest(terms: FloatArray, farthest: float) -> float:
+    """Return the maximum absolute value of a polynomial up to a distance from 0, which may be infinite."""
+    powers = np.flatnonzero(terms)
+    return float(np.abs(terms[powers]) @ farthest**powers)
+
+
+def _steepest(arm: ArmModel, tables: ChainTables, followers: Sequence[Follower]) -> FloatArray:
+    """Return the maximum slope of the polynomial of each mimic joint (m,). Raises PlanningError if it is unbounded."""
+    farthest, leaders = _farthest(arm, tables), {follower.joint: follower.leader for follower in followers}
+    steepest = np.zeros(len(followers))
+    for i, leader in enumerate(tables.leader):
+        steepest[i] = _largest(polynomial.polyder(tables.coefficients[i]), farthest[leader])
+        if not math.isfinite(steepest[i]):
+            joint = followers[i].leader
+            while joint in leaders:
+                joint = leaders[joint]
+            name = arm.model.joint(joint).name
+            raise PlanningError(
+                "INVALID_ROBOT_STATE",
+                f"{name} has no limits, and another joint follows it nonlinearly: set limits for {name}",
+            )
+    return steepest
 
 
 def _joints(model: Any, body: int) -> list[int]:
@@ -117,25 +149,3 @@ def _chains(arm: ArmModel, frame: dict[int, int], index: dict[int, int]) -> tupl
     for row, chain in enumerate(chains):
         table[row, : len(chain)] = chain
     return table, np.array([len(chain) for chain in chains])
-
-
-def _steepest(arm: ArmModel, leader: int, terms: FloatArray) -> float:
-    """Return the maximum slope of a polynomial within the leader's limits."""
-    if not terms[2:].any():
-        return abs(float(terms[1]))
-    if leader not in {*arm.joint_ids, *(follower.joint for follower in arm.followers)}:
-        return 0.0  # no plan moves the leader
-    farthest = math.inf
-    start = arm.model.qpos0[arm.model.jnt_qposadr[leader]]
-    if leader in arm.joint_ids:
-        limit = arm.limits[arm.joint_ids.index(leader)]
-        farthest = max(abs(limit.lower - start), abs(limit.upper - start))
-    elif arm.model.jnt_limited[leader]:
-        farthest = float(np.abs(arm.model.jnt_range[leader] - start).max())
-    if not math.isfinite(farthest):
-        name = arm.model.joint(leader).name
-        raise PlanningError(
-            "INVALID_ROBOT_STATE",
-            f"{name} has no limits, and another joint follows it nonlinearly: set limits for {name}",
-        )
-    return float(np.abs(terms[1:] * np.arange(1, 5)) @ farthest ** np.arange(4))

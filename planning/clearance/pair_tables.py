@@ -114,7 +114,9 @@ def _chain(chains: ChainTables, frame: int) -> list[int]:
 
 def _pairs(arm: ArmModel, scene: Scene, units: Sequence[GeomGroup], chains: ChainTables) -> tuple[Any, Any, Any]:
     moving = {int(joint) for joint in chains.planned}
-    moving |= {int(joint) for joint, at in zip(chains.follower, chains.leader, strict=True) if int(at) in moving}
+    for joint, leader in zip(chains.follower.tolist(), chains.leader.tolist(), strict=True):  # leaders come first
+        if leader in moving:
+            moving.add(joint)
     allowed = scene.allowed | arm.adjacent()
     paths = [_chain(chains, unit.frame) for unit in units]
     found: list[tuple[int, int, int]] = []

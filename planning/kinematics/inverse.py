@@ -132,7 +132,7 @@ class InverseKinematics:
 
     def _from_start(self, positions: FloatArray, start: FloatArray) -> FloatArray:
         """Return joint positions (k, n) without unnecessary turns, sorted by their distance from ``start``."""
-        turns = 2.0 * np.pi * np.round((positions - start) / (2.0 * np.pi)) * self._chain.turns
+        turns = 2.0 * np.pi * np.round((positions - start) / (2.0 * np.pi)) * self._chain.periodic
         turned = positions - turns
         allowed = (turned >= self._chain.lower) & (turned <= self._chain.upper)
         positions = np.where(allowed, turned, positions)

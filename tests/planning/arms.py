@@ -1,6 +1,8 @@
 """Arms of the planning tests."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
@@ -71,3 +73,39 @@ PLANAR = """
 
 def planar(*joints: str, end: float = 3.0) -> ArmModel:
     return ArmModel.from_string(PLANAR, {name: limits(-end, end) for name in joints or ("one", "two")})
+
+
+PALLETIZER = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="stand" pos="0.1 0.2 0.3" euler="0.3 0.2 0.1">
+      <geom type="sphere" size="0.01"/>
+      <body name="column"><joint name="turn" axis="0 0 1"/><geom type="sphere" size="0.01"/>
+        <body name="crank"><joint name="crank" axis="0 1 0" ref="0.2"/><geom type="sphere" size="0.01"/></body>
+        <body name="upper" pos="0 0 0.1"><joint name="shoulder" axis="0 1 0"/><geom type="sphere" size="0.01"/>
+          <body name="fore" pos="0 0 0.3"><joint name="elbow" axis="0 1 0" ref="0.1"/>
+            <geom type="sphere" size="0.01"/>
+            <body name="flange" pos="0.25 0 0"><joint name="level" axis="0 1 0"/><joint name="lift" type="slide"/>
+              <geom type="sphere" size="0.01"/>
+              <body name="pen" pos="0.05 0 -0.05"><geom type="sphere" size="0.01"/></body>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality>
+    <joint joint1="lift" joint2="level" polycoef="{lift}"/>
+    <joint joint1="level" joint2="shoulder" polycoef="{level}"/>
+    <joint joint1="elbow" joint2="crank" polycoef="{elbow}"/>
+  </equality>
+</mujoco>
+"""
+"""An arm whose elbow follows a crank beside the arm. The lift follows the level joint, which follows the shoulder."""
+LINKAGE = {"elbow": (0.0, 1.0, 0.0, 0.0, 0.0), "level": (0.0, -1.0, 0.0, 0.0, 0.0), "lift": (0.01, 0.05, 0.02, 0, 0)}
+
+
+def palletizer(couplings: Mapping[str, Sequence[float]] = LINKAGE) -> Any:
+    texts = {joint: " ".join(str(term) for term in terms) for joint, terms in couplings.items()}
+    return mujoco.MjModel.from_xml_string(PALLETIZER.format(**texts))
