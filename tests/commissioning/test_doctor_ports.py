@@ -4,6 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from commissioning.doctor.checks.port import check_ports
+from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot
+from commissioning.ports.adapters import Adapter, Complaint, PortsReport
 from drivers.driver_errors import PortDenied, PortMissing
 from sim_backend.buses.port import VirtualPort
 from tests.commissioning.machines import BRLTTY_RULES, STRANGER, SmallMachine
@@ -109,3 +112,44 @@ def test_identical_adapters_without_serial_numbers_are_found(tmp_path: Path) -> 
     small.plug(ACM, serial=None)
     small.plug("/dev/ttyACM1", serial=None)
     assert [one.id for one in patient_on(small).examine().findings] == ["adapters_alike"]
+
+
+def adapter(device: Path, by_id: Path | None = None, complaints: tuple[Complaint, ...] = ()) -> Adapter:
+    name = None if by_id is None else str(by_id)
+    serial = None if by_id is None else "5A46"
+    return Adapter(str(device), 0x1A86, 0x7523, "CH340", None, serial, name, None, None, (), complaints)
+
+
+def linked(tmp_path: Path, name: str, device: Path) -> Path:
+    """Return a link to a device, as in /dev/serial/by-path."""
+    device.touch()
+    (tmp_path / name).symlink_to(device)
+    return tmp_path / name
+
+
+def test_the_adapter_of_another_bus_is_not_offered_in_place_of_a_missing_one(tmp_path: Path) -> None:
+    """The other bus was opened through a link in /dev/serial/by-path."""
+    device = tmp_path / "ttyUSB0"
+    left = BusSnapshot("left", str(linked(tmp_path, "by-path", device)), 1_000_000)
+    right = BusSnapshot("right", str(tmp_path / "ttyUSB1"), 1_000_000, problem="missing", problem_text="it is gone")
+    snapshot = ArmSnapshot((left, right), arm="bimanual_so101")
+    by_id = linked(tmp_path, "by-id", device)
+    for report in (PortsReport((adapter(device),), (), ""), PortsReport((adapter(device, by_id),), (), "")):
+        assert [one.id for one in check_ports(snapshot, report)] == ["port_missing"]
+
+
+def test_the_problem_of_an_adapter_is_found_if_its_port_is_given_as_another_link(tmp_path: Path) -> None:
+    device = tmp_path / "ttyUSB0"
+    bus = BusSnapshot("", str(linked(tmp_path, "by-path", device)), 1_000_000)
+    slow = Complaint("latency", "the adapter delays every reply", "echo 1")
+    report = PortsReport((adapter(device, complaints=(slow,)),), (), "")
+    assert [one.id for one in check_ports(ArmSnapshot((bus,)), report)] == ["latency_timer"]
+
+
+def test_a_moved_port_without_a_permanent_name_is_reported_by_its_device(tmp_path: Path) -> None:
+    small = SmallMachine(tmp_path)
+    small.plug("/dev/ttyACM1", serial=None)
+    first = patient_on(small, open_error=PortMissing(f"there is no {ACM}")).examine().findings[0]
+    assert (first.id, first.command) == ("port_moved", "servoloop doctor --arm NAME --port /dev/ttyACM1")
+    assert first.cause.startswith("The only other adapter is at /dev/ttyACM1 (")
+    assert "None" not in first.cause and "change" not in first.cause

@@ -1,5 +1,6 @@
 """Check the ports: missing, denied, busy or moved ports, and adapters that delay replies."""
 
+import os
 from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Final
@@ -30,7 +31,7 @@ def check_ports(snapshot: ArmSnapshot, report: PortsReport | None) -> Iterator[F
     adapters = report.adapters if report else ()
     for bus in snapshot.buses:
         place = FindingPlace(bus=bus.name)
-        own = [one for one in adapters if bus.port in (one.device, one.by_id)]
+        own = [one for one in adapters if os.path.realpath(bus.port) in _places(one)]
         if bus.problem:
             yield _not_open(bus, bus.problem, own)
         if bus.problem == "missing":
@@ -61,18 +62,27 @@ def _gone(
         if kind:
             symptom = f"{bus.port}: the port disappears at once or never appears"
             yield finding(kind, place, symptom, _sentence(complaint.text), complaint.command)
-    used = {one.port for one in snapshot.buses}
-    others = [one for one in report.adapters if one.vid is not None and used.isdisjoint((one.device, one.by_id))]
+    used = {os.path.realpath(one.port) for one in snapshot.buses}
+    others = [one for one in report.adapters if one.vid is not None and used.isdisjoint(_places(one))]
     if len(others) == 1:
         lasting = others[0].by_id or others[0].device
-        cause = (
-            f"The only other adapter is at {others[0].device} ({others[0].chip}, serial number "
-            f"{others[0].serial_number}). The number of a port can change whenever the adapter is plugged in; "
-            f"{PurePath(lasting).name} does not change"
-        )
         options = (one.port_option(lasting if one is bus else "") for one in snapshot.buses)
         command = f"servoloop doctor --arm {snapshot.arm} {' '.join(options)}"
-        yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} anymore", cause, command)
+        yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} anymore", _moved_to(others[0]), command)
+
+
+def _places(adapter: Adapter) -> set[str]:
+    """Return the paths to which the names of an adapter lead. A bus may be opened through any link to the device."""
+    return {os.path.realpath(name) for name in (adapter.device, adapter.by_id) if name}
+
+
+def _moved_to(adapter: Adapter) -> str:
+    serial = f", serial number {adapter.serial_number}" if adapter.serial_number else ""
+    text = f"The only other adapter is at {adapter.device} ({adapter.chip}{serial})"
+    if adapter.by_id is None:
+        return text
+    name = PurePath(adapter.by_id).name
+    return f"{text}. The number of a port can change whenever the adapter is plugged in; {name} does not change"
 
 
 def _complaint(place: FindingPlace, complaint: Complaint) -> Finding:
