@@ -15,6 +15,7 @@ from hal.fault_timeout import FaultTimeout
 from hal.gate import SafetyGate
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
+from hal.servos.limp_arm import servo_name
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
@@ -120,8 +121,8 @@ class SlowArm:
             )
         except BaseException as error:
             try:
-                if self._hardware.state is LifecycleState.ACTIVE:
-                    self.torque_left = tuple(self._hardware.undo_activation())
+                active = self._hardware.state is LifecycleState.ACTIVE
+                self.torque_left = tuple(self._hardware.undo_activation() if active else self._hardware.torque_left)
                 if self.torque_left:
                     error.add_note(self._torque_text())
             finally:
@@ -132,25 +133,22 @@ class SlowArm:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         """Lower the arm gradually and disable its torque.
 
-        If torque may still be enabled, a note is added to the exception that ended the block. If there is no exception,
-        or if the user stopped the arm, StoppedError is raised instead, because the message of a stop states that the
-        torque is off.
+        If torque may still be enabled, a note is added to the exception that ended the block, or to the exception that
+        interrupts the lowering. If there is no exception, or if the user stopped the arm, StoppedError is raised
+        instead, because the message of a stop states that the torque is off.
         """
         try:
-            try:
-                if self.relax:
-                    self._sink()
-            finally:
-                self.torque_left = tuple(self._hardware.deactivate(self.relax))
-            if self.relax:
-                self._restore_limits()
+            self._release()
+        except BaseException as interrupt:
             if self.torque_left:
-                text = self._torque_text()
-                if not isinstance(error, Exception) or type(error) is StoppedError:
-                    raise StoppedError(text)
-                error.add_note(text)
+                interrupt.add_note(self._torque_text())
+            raise
         finally:
             self._hardware.cleanup()
+        if self.torque_left:
+            if not isinstance(error, Exception) or type(error) is StoppedError:
+                raise StoppedError(self._torque_text())
+            error.add_note(self._torque_text())
 
     @property
     def state(self) -> JointState:
@@ -228,6 +226,21 @@ class SlowArm:
         """Raise StoppedError after a request to stop. ``left`` describes the state in which the arm is left."""
         if self.stopped():
             raise StoppedError(f"stopped: {left}")
+
+    def _release(self) -> None:
+        """Lower the arm gradually, disable its torque and restore its torque limits, unless the arm holds its position.
+
+        ``torque_left`` contains all servos until the torque is disabled, in case of an interrupt.
+        """
+        if not self.relax:
+            self._hardware.deactivate(relax=False)
+            return
+        self.torque_left = tuple(map(servo_name, self.joints))
+        try:
+            self._sink()
+        finally:
+            self.torque_left = tuple(self._hardware.deactivate(relax=True))
+        self._restore_limits()
 
     def _sink(self) -> None:
         """Reduce the torque limits step by step, until the second request to stop.

@@ -60,6 +60,8 @@ class Activation:
         self._measured_s = 0.0
         self._goals: dict[str, int] = {}
         self._limp: list[Joint] = []
+        self.torque_left: tuple[str, ...] = ()
+        """Errors of servos whose torque may still be enabled after the activation has failed."""
 
     def run(self) -> dict[str, int]:
         """Enable torque joint by joint.
@@ -100,8 +102,9 @@ class Activation:
         return self._goals
 
     def release(self) -> None:
-        """Disable the torque of servos that were limp before the activation. Log the errors."""
-        for problem in self.undo():
+        """Disable the torque of servos that were limp before the activation. Keep and log the errors."""
+        self.torque_left = tuple(self.undo())
+        for problem in self.torque_left:
             LOG.error("torque may still be on: %s", problem)
 
     def undo(self) -> list[str]:

@@ -81,7 +81,7 @@ class ServoHardware:
         buses = self._opened("activate")
         self._states.faults.forget()
         states = self._states
-        activation = Activation(
+        self._activation = activation = Activation(
             self._joints, buses, self._clock, lambda readings: states.update(readings, buses), states.reset
         )
         held = activation.run()
@@ -97,7 +97,11 @@ class ServoHardware:
             self.state = LifecycleState.INACTIVE
             activation.release()
             raise
-        self._activation = activation
+
+    @property
+    def torque_left(self) -> tuple[str, ...]:
+        """Errors of servos whose torque may still be enabled after the last activation has failed."""
+        return () if self._activation is None else self._activation.torque_left
 
     def holds(self) -> bool:
         """Return whether torque is enabled for any servo of the configured component. Raises DriverError."""

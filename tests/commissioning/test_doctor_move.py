@@ -177,6 +177,16 @@ def test_a_failed_activation_is_a_fault() -> None:
     assert "servo 3: does not respond" in report.findings[0].cause
 
 
+def test_a_failed_activation_that_leaves_torque_on_is_a_fault_even_after_a_request_to_stop() -> None:
+    patient = Patient()
+    third = patient.line.servo(3).memory
+    patient.line.faults.on_instruction.append(lambda asked: asked != 3 or not third.get(sts.torque_enable))
+    report = examine(patient, lambda: bool(third.get(sts.torque_enable)))
+    assert third.get(sts.torque_enable) == 1
+    assert [one.id for one in report.findings] == ["motion_failed"] and not report.healthy
+    assert "torque may still be on: servo 3: does not respond" in report.findings[0].cause
+
+
 def test_a_motion_test_that_is_stopped_before_it_begins_is_a_note() -> None:
     report = examine(Patient(), lambda: True)
     assert [one.id for one in report.findings] == ["not_moved"]

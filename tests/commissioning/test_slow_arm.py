@@ -167,3 +167,41 @@ def test_a_servo_that_keeps_its_torque_after_a_failed_activation_is_named() -> N
     assert [memory.get(sts.torque_enable) for memory in memories] == [0, 1, 0]
     (note,) = failed.value.__notes__
     assert note.startswith("torque may still be on: servo 2: does not respond")
+
+
+@pytest.mark.parametrize("moment", ["lowering", "torque off", "limits"])
+def test_an_interrupt_at_the_end_names_the_servos_whose_torque_may_still_be_on(
+    moment: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Interrupted(sts.STS3215)
+
+    def once(*args: object) -> None:
+        monkeypatch.undo()
+        interrupt()
+
+    with (
+        pytest.raises(KeyboardInterrupt) as caught,
+        SlowArm(lambda: bench.bus, bench.joints, bench.clock) as arm,
+    ):
+        bench.silence(0.0, 100.0)
+        target = {"lowering": bench.clock, "torque off": bench.bus, "limits": bench.bus}[moment]
+        method = {"lowering": "sleep_until", "torque off": "torque_off", "limits": "torque_is_on"}[moment]
+        monkeypatch.setattr(target, method, once)
+    (note,) = caught.value.__notes__
+    assert note.startswith("torque may still be on: ") and "servo 2" in note
+    assert arm.torque_left
+    held = [servo.memory.get(sts.torque_enable) for servo in bench.line.servos]
+    assert held == ([1, 1, 1] if moment == "torque off" else [0, 1, 0])
+
+
+def test_a_servo_that_keeps_its_torque_after_an_activation_that_fails_halfway_is_named() -> None:
+    bench = Interrupted(sts.STS3215)
+    second = bench.line.servos[1].memory
+    bench.line.faults.on_instruction.insert(0, lambda servo_id: servo_id != 2 or not second.get(sts.torque_enable))
+    arm = SlowArm(lambda: bench.bus, bench.joints, bench.clock)
+    with pytest.raises(ServoSilent) as failed, arm:
+        pass
+    assert [servo.memory.get(sts.torque_enable) for servo in bench.line.servos] == [0, 1, 0]
+    (note,) = failed.value.__notes__
+    assert note.startswith("torque may still be on: servo 2: does not respond")
+    assert arm.torque_left
