@@ -43,12 +43,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
         raise MeshFileError(f"the scale of {path} is {scale:g}: use a finite number other than 0")
     if path.suffix.lower() not in KINDS:
         raise MeshFileError(f"{path} is neither an STL nor an OBJ file: convert the mesh to one of these formats")
-    try:
-        found = path.is_file()
-    except OSError as error:
-        raise MeshFileError(f"cannot read {path}: {error.strerror}") from error
-    if not found:
-        raise MeshFileError(f"mesh file {path} does not exist: correct the path")
+    _check_readable(path)
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(resolved(path)), scale=[scale] * 3)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
@@ -57,6 +52,15 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     except ValueError as error:
         raise MeshFileError(f"{path} {_problem(path, error)}") from error
     return Mesh(_original(model), np.array(model.mesh_face, dtype=np.int64))
+
+
+def _check_readable(path: Path) -> None:
+    try:
+        if not path.is_file():
+            raise MeshFileError(f"mesh file {path} does not exist: correct the path")
+        path.open("rb").close()
+    except OSError as error:
+        raise MeshFileError(f"cannot read {path}: {error.strerror}: check the path and its permissions") from error
 
 
 def _problem(path: Path, error: ValueError) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.mesh_file import read_mesh
+from planning.mesh_file import MeshFileError, read_mesh
 from planning.moveit_scene import parse_moveit_scene
 from planning.planning_errors import PlanningError
 from planning.scene import Box, Cone, Cylinder, Mesh, Sphere
@@ -155,7 +155,7 @@ def test_a_yaml_file_with_one_and_with_several_shapes(tmp_path: Path) -> None:
         ("mesh: {file: text.stl}", r"text.stl is not a mesh with a volume: it is not a binary STL file; save it as a"),
         ("mesh: {file: index.obj}", r"index.obj is not a mesh with a volume: .* does not exist; correct the mesh"),
         ("mesh: {file: large.stl}", "large.stl has 200001 triangles, but at most 200000 are possible: simplify the"),
-        (f"mesh: {{file: {'x' * 300}.stl}}", r"cannot read .*xx.stl: File name too long"),
+        (f"mesh: {{file: {'x' * 300}.stl}}", r"cannot read .*xx.stl: File name too long: check the path"),
         ("ball: 3", "objects.cup.ball: is not a known key"),
     ],
 )
@@ -177,6 +177,21 @@ def test_a_scale_without_a_size_is_refused(tmp_path: Path, scale: float) -> None
     (tmp_path / "part.obj").write_text(TETRAHEDRON)
     with pytest.raises(PlanningError, match=r"the scale of .*part.obj is (0|nan|inf): use a finite number other than"):
         read_mesh(tmp_path / "part.obj", scale)
+
+
+@pytest.mark.parametrize("name", ["part.stl", "part.obj"])
+def test_a_mesh_file_without_read_permission_is_refused(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The test also runs as root, who may read every file."""
+
+    def refuse(path: Path, *args: object) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    (tmp_path / name).write_text("solid nothing\nendsolid nothing\n")
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(MeshFileError, match=rf"cannot read .*{name}: Permission denied: check the path and its perm"):
+        read_mesh(tmp_path / name)
 
 
 def test_a_mesh_keeps_the_frame_of_its_file(tmp_path: Path) -> None:
