@@ -16,6 +16,7 @@ from hal.rotations import matrices
 from hal.types import FloatArray
 from planning.arm_model import Pair, pair
 from planning.planning_errors import PlanningError
+from planning.vectors import vector_of
 
 FLAT_M: Final = 1e-6
 """Extent below which a mesh is considered flat, in m. A flat mesh has no volume and therefore no hull."""
@@ -163,7 +164,8 @@ class Scene:
         """Return a scene with an additional object, which replaces any object with the same name.
 
         Raises:
-            PlanningError: The object has no shape, or a shape has a size that is not positive.
+            PlanningError: The name is not a string, the object has no shape, or a shape has a size that is not
+                positive.
         """
         check_object(item)
         attached = {name: held for name, held in self.attached.items() if name != item.name}
@@ -193,7 +195,13 @@ class Scene:
         return self.with_object(replace(self.attached[name].item, pose=pose))
 
     def allow(self, one: str, other: str) -> "Scene":
-        """Return a scene in which two links or objects may touch each other."""
+        """Return a scene in which two links or objects may touch each other.
+
+        Raises:
+            PlanningError: A name is not a string.
+        """
+        _check_name(one)
+        _check_name(other)
         return replace(self, allowed=self.allowed | {pair(one, other)})
 
     def forbid(self, one: str, other: str) -> "Scene":
@@ -204,18 +212,21 @@ class Scene:
 
 def _numbers(what: str, values: Iterable[float], count: int) -> FloatArray:
     """Return values as an array (count,). Raises PlanningError if there are more or fewer values, or not numbers."""
-    given = [*values]
-    try:
-        found = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.shape != (count,):
-        raise PlanningError("INVALID_OBJECT_NAME", f"a {what} needs {count} numbers, not {given}")
+    found = vector_of(values)
+    if found is None or len(found) != count:
+        raise PlanningError("INVALID_OBJECT_NAME", f"a {what} needs {count} numbers, not {values!r}")
     return found
 
 
+def _check_name(name: object) -> None:
+    if not isinstance(name, str):
+        raise PlanningError("INVALID_OBJECT_NAME", f"the name of an object is {name!r}: use a string")
+
+
 def check_object(item: SceneObject) -> None:
-    """Check an object. Raises PlanningError if the object has no shape, or a size that is not positive and finite."""
+    """Check an object. Raises PlanningError if its name is not a string, or if the object has no shape, or a size that
+    is not positive and finite."""
+    _check_name(item.name)
     if not item.shapes:
         raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: add at least one shape')
     for shape, pose in item.shapes:

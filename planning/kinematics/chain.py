@@ -221,7 +221,10 @@ _CODES: Final[Mapping[str, Code]] = {"body": "INVALID_LINK_NAME", "joint": "INVA
 
 def _index(model: Any, kind: str, name: str) -> int:
     """Return the index of a body, joint or site, or -1 if the model does not contain the name."""
-    return int(mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name))
+    try:
+        return int(mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name))
+    except TypeError:  # The name is not a string.
+        return -1
 
 
 def _find(model: Any, kind: str, name: str) -> int:

@@ -12,6 +12,7 @@ from hal.rotations import euler_angles, euler_rates, matrices, rotation_vectors,
 from hal.types import FloatArray
 from planning.kinematics.chain import ToolPose
 from planning.planning_errors import PlanningError
+from planning.vectors import vector_of
 
 ROTATION_M: Final = 0.1
 """Distance that is equivalent to a rotation by 1 rad when positions and orientations are compared, in m/rad."""
@@ -86,12 +87,11 @@ def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequ
 
 def _vector(values: Sequence[float] | FloatArray, names: str, what: str) -> FloatArray:
     """Return the values as an array with one finite value for each letter of ``names``. Raises GoalError."""
-    try:
-        found = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise invalid(f"the goal's {what} must consist of numbers, not {values!r}") from None
-    if found.shape != (len(names),):
-        raise invalid(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {found.size}")
+    found = vector_of(values)
+    if found is None:
+        raise invalid(f"the goal's {what} must consist of numbers, not {values!r}")
+    if len(found) != len(names):
+        raise invalid(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {len(found)}")
     for name, value in zip(names, found.tolist(), strict=True):
         if not math.isfinite(value):
             raise invalid(f"{name} of the goal's {what} is {value}: send a finite number")

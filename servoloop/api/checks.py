@@ -68,9 +68,12 @@ def checked_number(name: str, value: object) -> float:
     return found
 
 
-def checked_numbers(name: str, values: object, count: int) -> tuple[float, ...]:
+def checked_numbers(name: str, values: Any, count: int) -> tuple[float, ...]:
     """Convert a sequence to numbers. Raises ArmInputError if it does not contain ``count`` numbers."""
-    found = [number_of(value) for value in values] if isinstance(values, Iterable) else []
+    try:
+        found = [number_of(value) for value in values]
+    except TypeError:  # not a sequence, or an array without dimensions
+        found = []
     numbers = tuple(value for value in found if value is not None)
     if len(found) != count or len(numbers) != count:
         raise ArmInputError(f"{name} must consist of {count} numbers, not {values!r}")

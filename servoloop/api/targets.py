@@ -64,8 +64,10 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
 
 
 def goal_of(trajectory: ArmTrajectory, begin_s: float) -> MotionGoal:
-    """Return the goal for a trajectory, with all times delayed by ``begin_s``. Raises ArmInputError if a part of the
-    trajectory has the wrong type, or if only some joints have velocities."""
+    """Return the goal for a trajectory, with all times delayed by ``begin_s``. Raises ArmInputError if the trajectory
+    or a part of it has the wrong type, or if only some joints have velocities."""
+    if not isinstance(trajectory, ArmTrajectory):
+        raise ArmInputError(f"the trajectory must be an ArmTrajectory, not {trajectory!r}")
     times = _elements("the times of the trajectory", trajectory.times_s)
     times_s = tuple(checked_number("a time of the trajectory", time_s) + begin_s for time_s in times)
     if not isinstance(trajectory.positions, Mapping):

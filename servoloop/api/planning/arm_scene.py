@@ -1,6 +1,6 @@
 """Obstacles around an arm, and objects that it carries."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from planning.mesh_file import read_mesh
 from planning.planning_errors import PlanningError
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
 from planning.scene_file import read_scene_file
-from servoloop.api.arm_errors import PlanFailedError
+from servoloop.api.arm_errors import ArmInputError, PlanFailedError
 from servoloop.api.checks import checked_number, checked_numbers
 from servoloop.api.planning.motion_planner import MotionPlanner
 
@@ -29,7 +29,7 @@ class ArmScene:
     """Obstacles around an arm. Lengths are in m, and poses are in the frame of the arm's base.
 
     Initially, the obstacles are the objects from the arm's scene file. All methods raise PlanFailedError if an object
-    has no size or its pose is not finite, and ArmInputError if a length is not a number.
+    has no size, its name is not a string or its pose is not finite, and ArmInputError if a length is not a number.
     """
 
     def __init__(self, planner: MotionPlanner, position: Callable[[], Mapping[str, float]]) -> None:
@@ -98,13 +98,13 @@ class ArmScene:
         ``scale`` is a factor applied to all lengths, such as 0.001 for a file in mm.
         """
         with plan_errors():
-            mesh = read_mesh(Path(file), checked_number("scale", scale))
+            mesh = read_mesh(_path(file), checked_number("scale", scale))
         self._add(name, mesh, position_m, quaternion_xyzw)
 
     def load(self, file: str | Path) -> tuple[str, ...]:
         """Add the objects from a YAML file or a MoveIt ``.scene`` file, and return their names."""
         with plan_errors():
-            items, scene = read_scene_file(Path(file)), self._planner.scene
+            items, scene = read_scene_file(_path(file)), self._planner.scene
             for item in items:
                 scene = scene.with_object(SceneObject(item.name, item.shapes, self._origin @ item.pose))
         self._planner.scene = scene
@@ -127,17 +127,18 @@ class ArmScene:
     def attach(self, name: str, link: str | None, touch_links: Sequence[str] | None) -> None:
         """Attach an obstacle to a link, so that the obstacle moves with the link."""
         robot, scene, state = self._planner.robot, self._planner.scene, self._position()
-        if name not in scene.objects and name in self.names:
+        if name not in self.names:
+            raise self._unknown(name)
+        if name not in scene.objects:
             raise PlanFailedError(
                 f"{name} cannot be attached, because it contains a plane, a capsule or an ellipsoid: use an object of "
                 "boxes, spheres, cylinders and meshes",
                 code="INVALID_OBJECT_NAME",
             )
-        if name not in scene.objects:
-            raise self._unknown(name)
         with plan_errors():
             carrier = link or self._planner.carrier
-            touching = robot.carried_links(carrier) if touch_links is None else touch_links
+            carried = robot.carried_links(carrier)
+            touching = carried if touch_links is None else _checked_links(touch_links)
             held = robot.frame_pose(carrier, robot.state(state)).inverse() @ scene.objects[name].pose
             item = SceneObject(name, scene.objects[name].shapes, held)
             self._planner.scene = scene.attach(item, carrier, touching)
@@ -146,8 +147,8 @@ class ArmScene:
         """Detach an object and leave it where it is now."""
         robot, scene = self._planner.robot, self._planner.scene
         with plan_errors():
-            if name not in scene.attached:
-                scene.detach(name, Pose())  # raises an error
+            if name not in self.attached:
+                scene.detach(str(name), Pose())  # raises an error
             pose = robot.frame_pose(name, robot.state(self._position()), scene)
             self._planner.scene = scene.detach(name, pose)
 
@@ -164,3 +165,17 @@ class ArmScene:
     def _unknown(self, name: str) -> PlanFailedError:
         known = ", ".join((*self.names, *self.attached)) or "none"
         return PlanFailedError(f"there is no object {name}; the objects are: {known}", code="INVALID_OBJECT_NAME")
+
+
+def _path(file: object) -> Path:
+    if not isinstance(file, str | Path):
+        raise ArmInputError(f"the file must be a path, not {file!r}")
+    return Path(file)
+
+
+def _checked_links(touch_links: object) -> Sequence[str]:
+    given = [*touch_links] if isinstance(touch_links, Iterable) and not isinstance(touch_links, str) else [None]
+    links = [link for link in given if isinstance(link, str)]
+    if len(links) != len(given):
+        raise ArmInputError(f"touch_links must be a sequence of link names, not {touch_links!r}")
+    return links

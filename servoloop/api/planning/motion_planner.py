@@ -188,7 +188,8 @@ class MotionPlanner:
             return ToolGoal(PoseGoal(pose, region, goal.tolerances_rad()), goal.tool or self._tool)
         if isinstance(goal, PoseGoal):
             return ToolGoal(goal, self._tool)
-        if unknown := sorted(goal.keys() - set(self.plannable)):
+        _check_positions("the goal", goal)
+        if unknown := [joint for joint in goal if joint not in self.plannable]:
             known = ", ".join(self.plannable)
             raise ArmInputError(f"no planning group moves joint {unknown[0]} of the goal: use only the joints {known}")
         if not any(set(group.joints).issuperset(goal) for group in self._groups):
@@ -198,11 +199,12 @@ class MotionPlanner:
 
     def _state(self, what: str, positions: Positions) -> dict[str, float]:
         """Return the state of all driven joints. Positions of hand joints are optional. Raises ArmInputError."""
+        _check_positions(what, positions)
         if missing := [joint for joint in self.joints if joint not in positions]:
             raise ArmInputError(
                 f"{missing[0]} has no position in {what}: specify a position for each of {', '.join(self.joints)}"
             )
-        if unknown := sorted(positions.keys() - self.robot.description.joints.keys()):
+        if unknown := [joint for joint in positions if joint not in self.robot.description.joints]:
             known = ", ".join(self.robot.limits)
             raise ArmInputError(f"{what} has a position for {unknown[0]}, which is not a joint: choose from {known}")
         _check_finite(what, positions)
@@ -214,6 +216,11 @@ def _checked_limit(time_limit_s: object) -> float:
     if not (math.isfinite(limit_s) and limit_s > 0.0):
         raise ArmInputError(f"time_limit_s must be a finite time above 0 s, not {time_limit_s}")
     return limit_s
+
+
+def _check_positions(what: str, positions: object) -> None:
+    if not isinstance(positions, Mapping):
+        raise ArmInputError(f"{what} must be positions keyed by joint name, not {positions!r}")
 
 
 def _check_finite(what: str, positions: Positions) -> None:

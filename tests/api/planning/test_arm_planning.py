@@ -116,13 +116,23 @@ def test_bad_input_moves_nothing(ready: Arm) -> None:
     ("add", "words"),
     [
         (lambda arm: arm.scene.add_box("box", (0.1, 0.1), (0.3, 0.3, 0.1)), "size_m must consist of 3 numbers, not"),
+        (
+            lambda arm: arm.scene.add_box("box", np.array(0.1), HERE),
+            r"size_m must consist of 3 numbers, not array\(0.1",
+        ),
+        (lambda arm: arm.scene.add_mesh("mesh", None, HERE), "the file must be a path, not None"),
+        (lambda arm: arm.scene.load(3), "the file must be a path, not 3"),
+        (lambda arm: arm.attach("wall", touch_links=3), "touch_links must be a sequence of link names, not 3"),
+        (lambda arm: arm.attach("wall", touch_links=[["base_link"]]), "touch_links must be a sequence of link names"),
+        (lambda arm: arm.attach("wall", touch_links="base_link"), "touch_links must be a sequence of link names, not"),
+        (lambda arm: arm.follow("motion"), "the trajectory must be an ArmTrajectory, not 'motion'"),
         (lambda arm: arm.scene.add_sphere("ball", "0.1", (0.3, 0.3, 0.1)), "radius_m must be a number, not '0.1'"),
         (lambda arm: arm.scene.add_cylinder("rod", None, 0.1, (0.3, 0.3, 0.1)), "height_m must be a number, not None"),
         (lambda arm: arm.plan(ArmPose(HERE, UPRIGHT, tolerance_rad=(0.1, 0.2))), "tolerance_rad must consist of 3 num"),
         (lambda arm: arm.plan(ArmPose(HERE, tolerance_m="1")), "tolerance_m must be a number, not '1'"),
     ],
 )
-def test_lengths_and_tolerances_must_be_numbers(ready: Arm, add: Callable[[Arm], object], words: str) -> None:
+def test_arguments_of_a_wrong_type_are_refused(ready: Arm, add: Callable[[Arm], object], words: str) -> None:
     with pytest.raises(ArmInputError, match=words):
         add(ready)
 
@@ -130,7 +140,27 @@ def test_lengths_and_tolerances_must_be_numbers(ready: Arm, add: Callable[[Arm],
 @pytest.mark.parametrize(
     ("add", "words"),
     [
-        (lambda arm: arm.scene.add_sphere("ball", 0.1, (0.3, 0.3)), r"a position needs 3 numbers, not \[0.3, 0.3\]"),
+        (lambda arm: arm.scene.add_sphere("ball", 0.1, (0.3, 0.3)), r"a position needs 3 numbers, not \(0.3, 0.3\)"),
+        (lambda arm: arm.scene.add_box("box", (1, 1, 1), None), "a position needs 3 numbers, not None"),
+        (lambda arm: arm.scene.add_box("box", (1, 1, 1), "123"), "a position needs 3 numbers, not '123'"),
+        (lambda arm: arm.scene.add_box("box", (1, 1, 1), np.array(0.1)), r"a position needs 3 numbers, not array\(0.1"),
+        (
+            lambda arm: arm.scene.add_box("box", (1, 1, 1), (10**400, 0, 0)),
+            r"pose \[inf, 0.0, 0.0\], .* must be finite",
+        ),
+        (lambda arm: arm.scene.add_box("box", (1, 1, 1), HERE, None), "a quaternion needs 4 numbers, not None"),
+        (lambda arm: arm.scene.add_box(5, (1, 1, 1), HERE), "the name of an object is 5: use a string"),
+        (lambda arm: arm.scene.add_sphere(None, 0.1, HERE), "the name of an object is None: use a string"),
+        (lambda arm: arm.plan(ArmPose(None)), "the goal's position must consist of numbers, not None"),
+        (lambda arm: arm.plan(ArmPose((10**400, 0, 0))), "x of the goal's position is inf: send a finite number"),
+        (lambda arm: arm.plan(ArmPose(HERE, tool=3)), "the model has no body or site 3: choose one of"),
+        (lambda arm: arm.plan(ArmPose(HERE, tool=["gripper_link"])), r"no body or site \['gripper_link'\]: choose one"),
+        (lambda arm: arm.pose(3), "the model has no body or site 3: choose one of"),
+        (lambda arm: arm.scene.remove(5), "there is no object 5; the objects are: "),
+        (lambda arm: arm.scene.allow(5, "wall"), "there is no link or object 5: choose from"),
+        (lambda arm: arm.attach(["wall"]), r"there is no object \['wall'\]; the objects are: "),
+        (lambda arm: arm.detach(["wall"]), r"\"\['wall'\]\" is not attached; attached objects: none"),
+        (lambda arm: arm.attach("wall", 3), 'the arm has no link "3": choose one of'),
         (lambda arm: arm.scene.add_box("box", (1, 1, 1), HERE, (0, 0, 1)), "a quaternion needs 4 numbers, not"),
         (lambda arm: arm.scene.add_sphere("ball", 0.1, ("a", "b", "c")), "a position needs 3 numbers, not"),
         (lambda arm: arm.plan(ArmPose(("a", "b", "c"))), "the goal's position must consist of numbers, not"),

@@ -94,6 +94,14 @@ def test_impossible_requests_are_refused(planner: MotionPlanner) -> None:
         planner.plan({"shoulder_pan": 0.0}, GOAL)
     with pytest.raises(ArmInputError, match="the start has a position for knee, which is not a joint: choose from"):
         planner.plan({**START, "knee": 0.0}, GOAL)
+    with pytest.raises(ArmInputError, match="the start has a position for 3, which is not a joint: choose from"):
+        planner.plan({**START, 3: 0.0, "knee": 0.0}, GOAL)
+    with pytest.raises(ArmInputError, match="no planning group moves joint 3 of the goal: use only the joints"):
+        planner.plan(START, {3: 0.0, "elbow": 0.1})
+    with pytest.raises(ArmInputError, match="the start must be positions keyed by joint name, not None"):
+        planner.plan(None, GOAL)
+    with pytest.raises(ArmInputError, match=r"the goal must be positions keyed by joint name, not \[0.1\]"):
+        planner.plan(START, [0.1])
     with pytest.raises(ArmInputError, match="shoulder_pan must be a number, not '1'"):
         planner.plan(START, {"shoulder_pan": "1"})  # type: ignore[dict-item]
     with pytest.raises(ArmInputError, match="shoulder_pan is nan"):
