@@ -6,9 +6,9 @@ import os
 import re
 import sys
 from collections.abc import Callable, Coroutine, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from math import inf
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any, Final
 
 import rclpy
@@ -28,6 +28,8 @@ STOP_LIMIT_S: Final = 30.0
 STDERR: Final = 2
 """File descriptor of standard error. ``sys.stderr`` may be replaced by an object that has no file descriptor."""
 _TURN_S: Final = 0.1
+_PAUSE_S: Final = 0.01
+"""Pause after an exception of the executor, in seconds. If every turn fails, it limits the use of the processor."""
 MIXED_LIST: Final = "Sequence should be of same type"
 """Error message from rcl for a parameter list that mixes integers and decimal numbers."""
 
@@ -114,16 +116,24 @@ def spin_until_stopped(executor: Executor, stopped: Future, stop: Callable[[], C
     """Spin the executor of a node that moves an arm until ``stopped`` is done.
 
     If a callback raises an exception, ``stop`` runs before the exception is raised, so that no motion continues without
-    its node. Other exceptions are ignored in the meantime.
+    its node. Other exceptions are ignored in the meantime. If the context has ended, nothing can be stopped over ROS.
     """
     try:
         spin_until_done(executor, stopped)
     except Exception:
-        end_s, task = monotonic() + STOP_LIMIT_S, executor.create_task(stop)
-        while not task.done() and monotonic() < end_s:
-            with suppress(Exception):
-                spin_until_done(executor, task, end_s - monotonic())
+        if executor.context.ok():
+            _finish(executor, executor.create_task(stop))
         raise
+
+
+def _finish(executor: Executor, task: Future) -> None:
+    """Spin until a task is done, the context has ended or the time limit has passed. Ignore exceptions of callbacks."""
+    end_s = monotonic() + STOP_LIMIT_S
+    while not task.done() and monotonic() < end_s and executor.context.ok():
+        try:
+            spin_until_done(executor, task, end_s - monotonic())
+        except Exception:
+            sleep(_PAUSE_S)
 
 
 @contextmanager

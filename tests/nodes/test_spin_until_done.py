@@ -1,6 +1,8 @@
 """After waiting for a future, the events that were served in the meantime have left no callbacks on it."""
 
+import warnings
 from collections.abc import Callable, Iterator
+from time import monotonic
 
 import pytest
 
@@ -13,7 +15,7 @@ from rclpy.task import Future
 
 from drivers.driver_errors import DriverError
 from nodes.clients.timing_client import Promptness, TimedController, TimingClient
-from nodes.ros_process import spin_until_done, spin_until_stopped
+from nodes.ros_process import STOP_LIMIT_S, spin_until_done, spin_until_stopped
 
 
 class Counting(Future):
@@ -98,6 +100,47 @@ def test_failing_callbacks_do_not_prevent_the_orderly_end(node: Node) -> None:
     with pytest.raises(ValueError, match="a defect"):
         spin_until_stopped(executor, stopped, stop)
     assert steps == ["cancel", "result"]
+    executor.shutdown()
+
+
+@pytest.mark.ros
+def test_an_executor_whose_context_has_ended_is_not_spun_any_longer(node: Node) -> None:
+    """Every turn would fail at once, so the process would use a whole processor until the time limit."""
+    executor, begin_s = SingleThreadedExecutor(), monotonic()
+    executor.add_node(node)
+
+    async def stop() -> None:
+        pytest.fail("the arm cannot be stopped over ROS")
+
+    node.create_timer(0.01, rclpy.shutdown)
+    with warnings.catch_warnings(), pytest.raises(RuntimeError, match="the given context is not valid"):
+        warnings.simplefilter("error")
+        spin_until_stopped(executor, Future(), stop)
+    assert monotonic() - begin_s < 0.2 * STOP_LIMIT_S
+
+
+@pytest.mark.ros
+def test_an_executor_that_fails_in_every_turn_uses_little_processor_time(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("nodes.ros_process.STOP_LIMIT_S", 1.0)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    turns = 0
+
+    def fail(timeout_sec: float | None = None) -> None:
+        nonlocal turns
+        turns += 1
+        raise ValueError("a defect")
+
+    async def stop() -> None:
+        pass
+
+    monkeypatch.setattr(executor, "spin_once", fail)
+    monkeypatch.setattr(executor, "create_task", lambda task: Future())
+    with pytest.raises(ValueError, match="a defect"):
+        spin_until_stopped(executor, Future(), stop)
+    assert turns <= 102
     executor.shutdown()
 
 
