@@ -1,6 +1,7 @@
 """Define the base class of node parameters. Each controller defines its own parameters next to its code."""
 
 from collections.abc import Iterator, Mapping
+from itertools import takewhile
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -12,11 +13,15 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the dotted name of each value that a ROS parameter cannot hold, with a description of the error."""
+    """Yield the dotted name of each value that a ROS parameter cannot hold, with a description of the error.
+
+    For a value without a name, the name of its group is yielded, which is empty for a value of the node itself.
+    """
     for key, value in values.items():
         name = f"{prefix}{key}"
         if not all(name.split(".")):
-            yield name, "has an empty name: give the parameter a name"
+            parent = ".".join(takewhile(bool, name.split(".")))
+            yield parent, "has a parameter without a name: give the parameter a name"
         elif isinstance(value, Mapping):
             yield from ros_mistakes(value, f"{name}.")
         elif mistake := _value_mistake(value):

@@ -72,8 +72,8 @@ def write_address(servo: FoundServo, address: int, size: int, value: int) -> Add
         The value before the write and the value after it.
 
     Raises:
-        CommissioningError: The address, size or value is rejected, or the servo does not keep the value. ServoError:
-        The servo does not respond, or it rejects the write.
+        CommissioningError: The address, size or value is rejected, or the servo does not keep the value.
+        ServoError: The servo does not respond, or it rejects the write.
     """
     register = _register(servo, address, size)
     _refuse_named(servo, register)

@@ -30,6 +30,8 @@ DEFAULTS = "controller_defaults"
 """Robot file key for default controller parameters."""
 HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
 """Manager parameters that have an effect or that every node has."""
+NOT_ANOTHER = "names {}, which is not another controller in this file: correct the name"
+"""Message about an entry of ``wait_for`` or ``fallback_controllers``."""
 
 Defaults = Mapping[str, Mapping[str, Any]]
 """Default parameter values, keyed by controller name and parameter name."""
@@ -202,8 +204,9 @@ class _Reader:
     """Whether a missing required parameter is an error."""
 
     def report(self, node: str, key: str, text: str) -> None:
-        """Record an error with its file and line."""
-        self.problems.append(f"{self.places.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
+        """Record an error of a parameter, or of the node itself if the key is empty, with its file and line."""
+        keys = key.split(".") if key else []
+        self.problems.append(f"{self.places.place((node, PARAMETERS, *keys))}: {'.'.join([node, *keys])} {text}")
 
     def controllers(self, defaults: Defaults, namespace: str) -> list[ControllerSpec]:
         """Return the specs of all controllers whose parameters are valid."""
@@ -220,15 +223,12 @@ class _Reader:
             entry = source.entry(name)
             waits = self.sections.of(name).get("wait_for")
             for other in self._not_in_file(name, waits, known):
-                self.report(name, "wait_for", f"names {other}, which is not another controller in this file")
+                self.report(name, "wait_for", NOT_ANOTHER.format(other))
             if self._settings_wrong(source, name):
                 continue
             settings = ManagerSettings.of(entry)
             for other in self._not_in_file(name, settings.fallback, known):
-                key = f"{name}.fallback_controllers"
-                self.report(
-                    MANAGER, key, f"names {other}, which is not another controller in this file: correct the name"
-                )
+                self.report(MANAGER, f"{name}.fallback_controllers", NOT_ANOTHER.format(other))
             try:
                 last, parameters = source.parameters(name, settings)
             except (ControllersFileError, ValueError) as error:

@@ -47,7 +47,7 @@ class _Reader:
 
     def nodes(self, mapping: yaml.Node, within: str = "") -> None:
         """Read a mapping of node names, namespaces or ``ros__parameters``. ``within`` is the path of parent names."""
-        for key, value, name in self._entries(mapping, within):
+        for key, value, name in self._entries(mapping, within, "node"):
             if name == PARAMETERS:
                 self._node(key, value, within)
             elif isinstance(value, yaml.MappingNode):
@@ -77,7 +77,7 @@ class _Reader:
             raise _TooMany(f":{line}: {name} has more than {MOST_VALUES} values: shorten its lists")
 
     def _parameters(self, mapping: yaml.Node, found: dict[str, Any], path: str) -> None:
-        for _, value, name in self._entries(mapping, path):
+        for _, value, name in self._entries(mapping, path, "parameter"):
             where = f"{path}.{name}"
             if isinstance(value, yaml.MappingNode):
                 group = found.get(name)
@@ -90,12 +90,12 @@ class _Reader:
         """Return the value of the parameter named ``where``: a scalar or a list of scalars."""
         return self._list(node, where) if isinstance(node, yaml.SequenceNode) else self._scalar(node, where)
 
-    def _entries(self, mapping: yaml.Node, path: str) -> Iterator[tuple[yaml.Node, yaml.Node, str]]:
+    def _entries(self, mapping: yaml.Node, path: str, kind: str) -> Iterator[tuple[yaml.Node, yaml.Node, str]]:
         for key, value in mapping.value:
             if not isinstance(key, yaml.ScalarNode):
                 self.report(key, "a list or a mapping cannot be a key: use a name")
             elif not key.value:
-                self.report(key, f"{path}. has an empty name: give the parameter a name")
+                self.report(key, f"{path or 'the file'} has a {kind} without a name: give the {kind} a name")
             else:
                 yield key, value, key.value
 

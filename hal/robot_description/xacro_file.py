@@ -31,7 +31,8 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
 
     Raises:
         DescriptionError: The file cannot be expanded. The message specifies the file and, if xacro reports it, the
-        line. ModuleNotFoundError: The package xacro is not installed.
+            line.
+        ModuleNotFoundError: The package xacro is not installed.
     """
     import xacro
 

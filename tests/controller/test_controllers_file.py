@@ -207,11 +207,11 @@ MISTAKES = {
     ),
     "a wait for an unknown controller": (
         ("    joints: [joint1", "    wait_for: [hand_controler]\n    joints: [joint1"),
-        ["arm_controller.wait_for names hand_controler, which is not another controller in this file"],
+        ["wait_for names hand_controler, which is not another controller in this file: correct the name"],
     ),
     "a wait for itself": (
         ("    joints: [joint1", "    wait_for: [arm_controller]\n    joints: [joint1"),
-        ["arm_controller.wait_for names arm_controller, which is not another controller in this file"],
+        ["wait_for names arm_controller, which is not another controller in this file: correct the name"],
     ),
     "a negative tolerance": (
         ("    joints: [joint1", "    constraints: {joint1: {goal: -0.1}}\n    joints: [joint1"),
@@ -413,9 +413,9 @@ def test_the_controllers_files_in_this_repository_are_valid() -> None:
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("'': 1", ":15: arm_controller. has an empty name: give the parameter a name"),
-        ("own: {'': 1}", ":15: arm_controller.own. has an empty name"),
-        ("own..part: 1", "arm_controller.own. has an empty name"),
+        ("'': 1", ":15: arm_controller has a parameter without a name: give the parameter a name"),
+        ("own: {'': 1}", ":15: arm_controller.own has a parameter without a name"),
+        ("own..part: 1", "arm_controller.own has a parameter without a name"),
         ("own: [1, 2.0]", ":15: arm_controller.own mixes float and int in one list: use one type for all elements"),
         ("own: [[1, 2]]", ":15: arm_controller.own has a list or a mapping within a list: ROS"),
         ("own: [{a: 1}]", ":15: arm_controller.own has a list or a mapping within a list: ROS"),
@@ -430,8 +430,10 @@ def test_values_that_ros_parameters_do_not_support_are_rejected(tmp_path: Path, 
 
 
 def test_the_defaults_of_a_robot_file_are_checked_too(tmp_path: Path) -> None:
-    with pytest.raises(ControllersFileError, match=r"arm_controller\. has an empty name"):
+    with pytest.raises(ControllersFileError, match="arm_controller has a parameter without a name: give the"):
         load(tmp_path, PLAIN, {"arm_controller": {"": 1}})
+    with pytest.raises(ControllersFileError, match=r"arm_controller\.own\.part has a parameter without a name"):
+        load(tmp_path, PLAIN, {"arm_controller": {"own": {"part..x": 1}}})
 
 
 def test_numeric_joint_names_must_be_quoted(tmp_path: Path) -> None:
