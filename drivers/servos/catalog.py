@@ -129,6 +129,15 @@ def known_as(number: int, series: Series) -> str:
     return " or ".join(names) or unsupported(number, series) or "unknown"
 
 
+def other_rated_voltages(model: ServoModel) -> list[float]:
+    """Return the rated voltages, in V, of models that report the same model number but differ in their rated voltage.
+
+    Such models cannot be distinguished over the wire.
+    """
+    voltages = {other.rated_voltage_v for other in _numbered(model.number, series_of(model))}
+    return sorted(voltages - {model.rated_voltage_v})
+
+
 def has_table(number: int, series: Series) -> bool:
     """Return whether a supported model of the manufacturer has this number, in either byte order."""
     return bool(_numbered(number, series))

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from commissioning.doctor.findings import KINDS
-from drivers.servos import x
+from drivers.servos import sts, x
 from servoloop import cli
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
@@ -48,7 +48,7 @@ FIRST: list[Case] = [
     (ailments.twelve_volts_too_many, "overvoltage", ""),
     (ailments.usb_alone, "undervoltage", ""),
     (ailments.lively_supply, "supply_high", ""),
-    (ailments.wrong_voltage_limit, "voltage_limits_wrong", "max_voltage 150"),
+    (ailments.wrong_voltage_limit, "voltage_limits_wrong", ""),
     (ailments.thin_lead, "voltage_drops", ""),
     (ailments.sagging_supply, "supply_sags", ""),
     (ailments.overload, "alarm_overload", "--id 7 torque_enable 0"),
@@ -152,5 +152,27 @@ def test_a_wrong_dynamixel_voltage_limit_is_found() -> None:
     patient.put(2, x.max_voltage_limit, 110)
     patient.wait(0.5)
     findings = patient.findings()
-    assert "voltage_limits_wrong" in findings
+    assert findings["voltage_limits_wrong"].command == (
+        "servoloop register write --port /dev/ttyACM0 --id 2 max_voltage_limit 150"
+    )
     assert "alarm_voltage" not in findings, "it is explained by the limit"
+
+
+def test_no_command_raises_a_voltage_limit_that_may_belong_to_another_version_of_the_servo() -> None:
+    patient = Patient("so101_12v")
+    patient.put(3, sts.max_voltage, 80)
+    patient.wait(0.2)
+    found = patient.findings()["voltage_limits_wrong"]
+    assert found.command is None and found.place.servo_id == 3
+    assert "The servo may be the 7.4 V version of the sts3215: switch the supply off and read its label" in found.cause
+
+
+@pytest.mark.parametrize(("arm", "volts", "kind"), [("so101", 12.0, "overvoltage"), ("so101_12v", 7.4, "undervoltage")])
+def test_a_wrong_supply_is_reported_once_and_may_be_a_wrong_arm(arm: str, volts: float, kind: str) -> None:
+    patient = Patient(arm)
+    ailments.feed(patient.line, volts)
+    patient.wait(0.2)
+    (found,) = [one for one in patient.examine().findings if one.id == kind]
+    assert (found.place.joint, found.command) == (None, None)
+    assert "shoulder_pan (servo 1), " in found.cause and "gripper (servo 6) have" in found.cause
+    assert "the wrong --arm, or the wrong model in the robot file, is selected" in found.cause

@@ -21,7 +21,6 @@ MENDED: list[tuple[Callable[[Patient], None], str]] = [
     (ailments.no_acknowledgement, "writes_unacknowledged"),
     (ailments.no_gain, "no_gain"),
     (ailments.long_delay, "return_delay"),
-    (ailments.wrong_voltage_limit, "voltage_limits_wrong"),
     (ailments.overload, "alarm_overload"),
     (ailments.damped, "damped"),
 ]

@@ -6,6 +6,7 @@ from typing import Final
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, write
+from drivers.servos.catalog import other_rated_voltages, series_of
 from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0
@@ -17,6 +18,11 @@ high resistance.
 """
 LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 UNIT_V: Final = 0.1
+SYMPTOMS: Final = {
+    "overvoltage": "'input voltage error', and servos may be destroyed",
+    "undervoltage": "'input voltage error', weak or twitching servos",
+    "voltage_limits_wrong": "'input voltage error' although the supply voltage suits the model in the robot file",
+}
 
 
 def voltage_limits(registers: Mapping[str, int]) -> tuple[float, float] | None:
@@ -32,40 +38,97 @@ def check_voltage(snapshot: ArmSnapshot) -> Iterator[Finding]:
     lowest = {motion.joint.name: motion.lowest_v for motion in snapshot.motion_test.motions}
     for bus in snapshot.buses:
         answering = [servo for servo in bus.servos if servo.states]
-        for servo in answering:
-            yield from _level(place_of(bus, servo), servo)
+        yield from _levels(bus, answering)
         yield from _together(bus, answering)
         yield from _sag(bus, answering, lowest)
 
 
-def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
-    volts, model = _volts(servo), servo.joint.model
-    lowest, highest, rated, name = min(volts), max(volts), model.rated_voltage_v, model.name
-    limits, allowed = voltage_limits(servo.registers), voltage_range(model)
-    if highest > allowed[1]:
-        cause = (
-            f"The supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch the supply off "
-            "now. Then check that the supply has the right voltage without overshoot, and that the model in the robot "
-            "file is right"
-        )
-        yield finding("overvoltage", place, "'input voltage error', and servos may be destroyed", cause)
-    elif lowest < allowed[0]:
-        cause = (
-            f"The supply voltage is {lowest:.1f} V, but an {name} is rated for {rated:g} V. The supply is wrong, too "
-            f"weak, or switched off (then the servo is powered from USB)"
-        )
-        yield finding("undervoltage", place, "'input voltage error', weak or twitching servos", cause)
-    elif limits and not limits[0] <= lowest <= highest <= limits[1]:
-        cause = (
-            f"The supply voltage of {lowest:.1f} to {highest:.1f} V is right for an {name} ({rated:g} V), but the "
-            f"limits in the servo are {limits[0]:.1f} to {limits[1]:.1f} V. Correct the limit"
-        )
-        wrong = next(low if lowest < limits[0] else high for low, high in LIMITS if low in servo.registers)
-        value = round((allowed[0] if lowest < limits[0] else allowed[1]) / UNIT_V)
-        command = write(servo, wrong, value)
-        yield finding(
-            "voltage_limits_wrong", place, "'input voltage error' although the supply voltage is right", cause, command
-        )
+def _level_fault(servo: ServoSnapshot) -> str | None:
+    """Return the kind of finding if the supply voltage of a servo is outside its rated range or its limits."""
+    volts, limits, (low, high) = _volts(servo), voltage_limits(servo.registers), voltage_range(servo.joint.model)
+    if max(volts) > high:
+        return "overvoltage"
+    if min(volts) < low:
+        return "undervoltage"
+    return "voltage_limits_wrong" if limits and not limits[0] <= min(volts) <= max(volts) <= limits[1] else None
+
+
+def _levels(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding]:
+    """Check the voltage of every servo. Servos of one model with the same fault share a finding."""
+    groups: dict[tuple[object, ...], list[ServoSnapshot]] = {}
+    for servo in servos:
+        if kind := _level_fault(servo):
+            limits = voltage_limits(servo.registers) if kind == "voltage_limits_wrong" else None
+            command = _limit_command(servo) if limits else None
+            groups.setdefault((kind, servo.joint.model, limits, command), []).append(servo)
+    for (kind, *_, command), group in groups.items():
+        place = place_of(bus, group[0]) if len(group) == 1 else FindingPlace(bus=bus.name)
+        cause = _limits_cause(group, command is not None) if kind == "voltage_limits_wrong" else _supply_cause(group)
+        yield finding(str(kind), place, SYMPTOMS[str(kind)], cause, str(command) if command else None)
+
+
+def _supply_cause(group: list[ServoSnapshot]) -> str:
+    """Describe a supply voltage outside the rated range."""
+    (lowest, highest), model = _extremes(group), group[0].joint.model
+    too_high = highest > voltage_range(model)[1]
+    shown = (
+        f"{_named(group)} {'has' if len(group) == 1 else 'have'} {highest if too_high else lowest:.1f} V, but the "
+        f"{model.name} is rated for {model.rated_voltage_v:g} V"
+    )
+    wrong_arm = "the wrong --arm, or the wrong model in the robot file, is selected: read the label of a servo"
+    if too_high:
+        return f"{shown}. Switch the supply off now. Either the supply is wrong or not stable, or {wrong_arm}"
+    return (
+        f"{shown}. The supply is wrong, too weak, or switched off (then the servos are powered from USB), or "
+        f"{wrong_arm}"
+    )
+
+
+def _limits_cause(group: list[ServoSnapshot], correctable: bool) -> str:
+    """Describe voltage limits that exclude the supply voltage, although it suits the model in the robot file."""
+    (lowest, highest), servo, model = _extremes(group), group[0], group[0].joint.model
+    low, high = voltage_limits(servo.registers) or (lowest, highest)
+    shown = f"The limits in {_named(group)} are {low:.1f} to {high:.1f} V, but the supply voltage is "
+    shown += f"{highest if highest > high else lowest:.1f} V"
+    if correctable:
+        return f"{shown}, which is right for an {model.name} ({model.rated_voltage_v:g} V). Correct the limit"
+    others = " or ".join(f"{volts:g} V" for volts in other_rated_voltages(model))
+    version = f"the {others} version of the {model.name}" if others else f"another model, not an {model.name}"
+    return (
+        f"{shown}. The servo may be {version}: switch the supply off and read its label. Then correct --arm, the model "
+        f"in the robot file or the supply. Correct {_wrong_limit(servo)} only if the label states "
+        f"{model.rated_voltage_v:g} V"
+    )
+
+
+def _wrong_limit(servo: ServoSnapshot) -> str:
+    """Return the name of the register whose limit excludes the supply voltage."""
+    limits = voltage_limits(servo.registers)
+    too_low = limits is not None and min(_volts(servo)) < limits[0]
+    return next(low if too_low else high for low, high in LIMITS if low in servo.registers)
+
+
+def _limit_command(servo: ServoSnapshot) -> str | None:
+    """Return the command that corrects a voltage limit.
+
+    Return None if the servo could be a version with another rated voltage, because its supply could then destroy it.
+    """
+    model = servo.joint.model
+    identified = servo.registers.get("model_number") == model.number and not other_rated_voltages(model)
+    if series_of(model).make == "feetech" or not identified:
+        return None
+    name, (lowest, highest) = _wrong_limit(servo), voltage_range(model)
+    return write(servo, name, round((lowest if name.startswith("min") else highest) / UNIT_V))
+
+
+def _named(group: list[ServoSnapshot]) -> str:
+    return ", ".join(f"{servo.joint.name} (servo {servo.joint.servo_id})" for servo in group)
+
+
+def _extremes(group: list[ServoSnapshot]) -> tuple[float, float]:
+    """Return the lowest and the highest voltage that these servos measured."""
+    volts = [volts for servo in group for volts in _volts(servo)]
+    return min(volts), max(volts)
 
 
 def _together(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding]:
