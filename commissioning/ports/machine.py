@@ -13,6 +13,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from drivers.paths import resolved
+from drivers.port.owners import command_line, open_files
 
 RULE_FOLDERS: Final = ("usr/lib/udev/rules.d", "lib/udev/rules.d", "run/udev/rules.d", "etc/udev/rules.d")
 """Folders that contain udev rules. A file in a later folder replaces the file of the same name in an earlier folder."""
@@ -42,6 +43,7 @@ class Holder:
 
     pid: int
     program: str
+    """Command line of the program, shortened."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,8 @@ class Machine:
         """Return the other programs that have the device open and are visible to this user."""
         mine, names = os.getpid(), {device, str(resolved(self.path(device)))}
         return tuple(
-            Holder(pid, name)
-            for pid, name in self._programs()
+            Holder(pid, command_line(self.root / f"proc/{pid}"))
+            for pid, _ in self._programs()
             if (pid != mine or self.root != Path("/")) and self._opened(pid) & names
         )
 
@@ -109,10 +111,7 @@ class Machine:
                 continue
 
     def _opened(self, pid: int) -> set[str]:
-        try:
-            return {os.readlink(fd) for fd in (self.root / f"proc/{pid}/fd").iterdir()}
-        except OSError:  # The process has ended or belongs to another user.
-            return set()
+        return {path for _, path in open_files(self.root / f"proc/{pid}")}
 
 
 def _statements(file: Path) -> str:

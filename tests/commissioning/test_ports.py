@@ -207,7 +207,7 @@ def test_a_program_that_has_the_port_open_is_found_by_name(tmp_path: Path) -> No
         other = subprocess.Popen(["sleep", "60"], stdin=opened)
     try:
         # At first, the child has the name of this program.
-        eventually(lambda: machine.holders(str(device)) == (Holder(other.pid, "sleep"),))
+        eventually(lambda: machine.holders(str(device)) == (Holder(other.pid, "sleep 60"),))
         assert machine.runs("sleep") and not machine.runs("no such program")
     finally:
         other.kill()

@@ -139,8 +139,8 @@ def test_a_port_in_use_names_its_owner(terminal: Terminal, how: str, tmp_path: P
     assert holder.stdin is not None and holder.stdout is not None
     try:
         assert holder.stdout.readline() == "held\n"
-        comm = Path(f"/proc/{holder.pid}/comm").read_text().strip()
-        owner = f"{comm} (process {holder.pid})"
+        command = f"{Path(sys.executable).name} -c {HOLD}".encode("unicode_escape").decode()
+        owner = f"{command[:80]}… (process {holder.pid})"
         for device in (terminal.device, str(link)):
             with pytest.raises(PortBusy) as caught:
                 SerialPort(device)
@@ -180,6 +180,25 @@ sys.stdin.read()
         SerialPort(server.stdout.readline().strip()).close()
     finally:
         server.communicate()
+
+
+def test_a_descriptor_that_is_closed_during_the_search_hides_no_other_descriptor(tmp_path: Path) -> None:
+    (tmp_path / "fd").mkdir()
+    (tmp_path / "fd" / "3").write_text("a name without a link, like a descriptor that has just been closed")
+    (tmp_path / "fd" / "4").symlink_to("/dev/ttyUSB7")
+    (tmp_path / "fd" / "5").write_text("")
+    assert list(owners.open_files(tmp_path)) == [("4", "/dev/ttyUSB7")]
+
+
+def test_the_server_of_a_pseudo_terminal_that_closes_other_files_is_not_an_owner(tmp_path: Path) -> None:
+    (tmp_path / "fd").mkdir()
+    (tmp_path / "fdinfo").mkdir()
+    (tmp_path / "fd" / "3").write_text("")
+    (tmp_path / "fd" / "4").symlink_to("/dev/ptmx")
+    (tmp_path / "fd" / "5").symlink_to("/dev/ptmx")
+    (tmp_path / "fdinfo" / "5").write_text("pos:\t0\ntty-index:\t77\n")
+    assert owners._serves(tmp_path, Path("/dev/pts/77"))
+    assert not owners._serves(tmp_path, Path("/dev/pts/7"))
 
 
 # In use by this program

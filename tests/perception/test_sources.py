@@ -161,9 +161,9 @@ def test_a_missing_camera_is_answered_with_the_ones_that_exist(machine: Path) ->
 def test_a_camera_that_another_program_uses_is_refused_with_its_name(machine: Path) -> None:
     with (machine / "dev/video0").open("rb") as held, subprocess.Popen(["sleep", "60"], stdin=held) as program:
         try:
-            with pytest.raises(CameraBusy, match=rf"/dev/video0 is in use by sleep \(process {program.pid}\)"):
+            with pytest.raises(CameraBusy, match=rf"/dev/video0 is in use by sleep 60 \(process {program.pid}\)"):
                 find_device("/dev/video0", machine)
-            assert cameras(machine)[0].owners == (f"sleep (process {program.pid})",)
+            assert cameras(machine)[0].owners == (f"sleep 60 (process {program.pid})",)
         finally:
             program.kill()
 
