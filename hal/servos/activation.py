@@ -180,7 +180,8 @@ class Activation:
                     f"not activated: {self._called(joint)} {problem}. {counted_turns(joint, state.position_counts)}"
                 )
             raise ActivationError(
-                f"not activated: {self._called(joint)} {problem}. Move the joint by hand, or correct zero_counts"
+                f"not activated: {self._called(joint)} {problem}. Move the joint by hand, or calibrate "
+                "the arm with 'servoloop calibrate' (or correct zero_counts)"
             )
         return state.position_counts if lower <= position <= upper else self._outside(joint, state.position_counts)
 

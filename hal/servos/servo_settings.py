@@ -235,6 +235,6 @@ def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
 def _advice(joint: Joint, lowest: int, highest: int) -> str:
     """Return a remedy with the limits that the joint may have, rounded inward to six decimals."""
     if lowest >= highest:
-        return "correct zero_counts, because the two ranges hardly overlap"
+        return "run 'servoloop calibrate' or correct zero_counts, because the two ranges hardly overlap"
     lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
     return f"narrow the limits in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"

@@ -197,7 +197,8 @@ def turn_elbow_out(bench: Bench) -> None:
         (corrupt_elbow, "elbow: servo 2 replied with a wrong checksum"),
         (
             turn_elbow_out,
-            r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move the joint by hand, or",
+            r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move the joint by hand, or "
+            "calibrate the arm with 'servoloop calibrate'",
         ),
     ],
 )
