@@ -11,12 +11,13 @@ from commissioning.calibrations import CalibrationRow, calibration_rows, export_
 from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
 from drivers.driver_errors import DriverError
-from servoloop.commands.shared.console import JsonOption, YesOption, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, YesOption, print_json, text_console
 from servoloop.commands.shared.line_options import named_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.shipped_files import ARM_FILE
+from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

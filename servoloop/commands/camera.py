@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from commissioning.atomic_write import cannot_write, require_file, write_whole
-from servoloop.commands.shared.console import JsonOption, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
+from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
     from perception.calibration.board import Board, BoardView

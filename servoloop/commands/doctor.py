@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
 from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_options import ServoArm
+from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console

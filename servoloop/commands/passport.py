@@ -20,11 +20,12 @@ from drivers.clock import MonotonicClock
 from drivers.eeprom import Change
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
 from servoloop.commands.shared.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.arm_options import RobotOption
+from servoloop.stack.tables import print_table
 
 app = typer.Typer(no_args_is_help=True, help="Save, compare and restore the EEPROM of all servos.")
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.commissioning_errors import CommissioningError
-from servoloop.commands.shared.console import JsonOption, confirm, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, confirm, print_json, text_console
 from servoloop.commands.shared.line_options import interruptible
+from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
     from commissioning.scan.find import FoundServo

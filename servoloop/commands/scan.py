@@ -9,8 +9,9 @@ import typer
 
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
-from servoloop.commands.shared.console import JsonOption, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.line_options import interruptible
+from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console

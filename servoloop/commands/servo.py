@@ -17,9 +17,10 @@ from servoloop.commands.registers import (
     write_at,
     write_status_level,
 )
-from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
 from servoloop.commands.shared.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
 from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.stack.tables import print_table
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:

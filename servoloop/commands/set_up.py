@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.driver_errors import DriverError
-from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, print_table, text_console
+from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, text_console
 from servoloop.commands.shared.line_options import PortOption, bus_of, open_line
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
+from servoloop.stack.tables import print_table
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:

@@ -48,31 +48,40 @@ def rich_table(table: StateTable) -> RichTable:
     return found
 
 
+WIDE: Final = 100
+"""Minimum width of a terminal in which all columns of the joint table are shown, in characters."""
+WIDE_ONLY: Final = ("command", "velocity")
+"""Columns of the joint table that a narrower terminal omits."""
+
+
 class JointsTable(DataTable[Text]):
     """Table of all joints in the latest snapshot."""
 
     def __init__(self) -> None:
         super().__init__(id="joints", cursor_type="row", cursor_foreground_priority="renderable")
+        self._columns: tuple[str, ...] = ()
         self._joints: tuple[str, ...] = ()
         self._cells: tuple[tuple[TableCell, ...], ...] = ()
         self._xml = ""
         self._described: Mapping[str, UrdfJoint] = {}
 
     def on_mount(self) -> None:
-        """Add the columns."""
-        self.add_columns("joint", *JOINT_COLUMNS)
+        """Add the columns that fit into the terminal."""
+        narrow = self.app.size.width < WIDE
+        self._columns = tuple(column for column in JOINT_COLUMNS if not (narrow and column in WIDE_ONLY))
+        self.add_columns("joint", *self._columns)
 
     def show(self, snapshot: RobotSnapshot) -> None:
         """Update the cells that have changed."""
         if snapshot.description_xml != self._xml:
             self._xml = snapshot.description_xml
             self._described = parse_urdf(self._xml).joints
-        rows = joint_table(snapshot, self._described).rows
+        rows = joint_table(snapshot, self._described, self._columns).rows
         if snapshot.joints != self._joints:
             self._joints = snapshot.joints
             self.clear()
             for row in rows:
-                self.add_row(*(_text(cell, column) for column, cell in enumerate(row)))
+                self.add_row(*(self._text(cell, column) for column, cell in enumerate(row)))
         else:
             for place, (before, row) in enumerate(zip(self._cells, rows, strict=True)):
                 self._renew(place, before, row)
@@ -84,14 +93,13 @@ class JointsTable(DataTable[Text]):
         for column, (old, new) in enumerate(zip(before, row, strict=True)):
             if new != old:
                 wider = len(new.text) != len(old.text)
-                self.update_cell_at(Coordinate(place, column), _text(new, column), update_width=wider)
+                self.update_cell_at(Coordinate(place, column), self._text(new, column), update_width=wider)
 
-
-def _text(cell: TableCell, column: int) -> Text:
-    text = rich_cell(cell)
-    if 0 < column < len(JOINT_COLUMNS):  # numbers
-        text.justify = "right"
-    return text
+    def _text(self, cell: TableCell, column: int) -> Text:
+        text = rich_cell(cell)
+        if 0 < column < len(self._columns):  # numbers
+            text.justify = "right"
+        return text
 
 
 JOINTS_S: Final = 0.25

@@ -17,6 +17,7 @@ from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import JobRun, Live
 from servoloop.recording.following_error import worst
+from servoloop.stack import tables
 
 if TYPE_CHECKING:
     from nodes.clients.stack_monitor import StackMonitor
@@ -40,6 +41,7 @@ WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "lead": [(HARDWARE, "gravity_compensation", True), (ARM, "command_lead", 0.0)],
 }
 """Parameters (node, name and value) that disable each compensation in its comparison run."""
+LOOP_COLUMNS: Final = ("cycles", "missed", "unmeasured", "latest wake-up", "longest cycle", "CPU idle", "CPU moving")
 EXPLANATION: Final = (
     "Each error is given for the worst joint, then for the fastest joint. The RMS error is measured while moving, and "
     "the error at rest is measured half a second after a motion."
@@ -141,12 +143,12 @@ def print_table(report: DemoReport, console: Console) -> None:
     for what, run in report.comparisons.items():
         grade, *rest = _cells(run, report.joints)
         table.add_row(f"{grade} {marks[what]}", *rest)
-    console.print(table)
+    tables.print_table(console, table)
     console.print(EXPLANATION)
     if marks:
         console.print(", ".join(f"{mark}: without {what}" for what, mark in marks.items()))
     console.print()
-    console.print(loop_table(report.loop, report.cpu_percent))
+    tables.print_table(console, loop_table(report.loop, report.cpu_percent), *LOOP_COLUMNS)
     print_summary(report.runs, console)
 
 
@@ -170,8 +172,7 @@ def print_summary(runs: Sequence[JobRun], console: Console) -> None:
 
 def loop_table(loop: Mapping[str, float], cpu: Mapping[str, float]) -> Table:
     """Return a table with the statistics of the control loop and its CPU load."""
-    columns = ("cycles", "missed", "unmeasured", "latest wake-up", "longest cycle", "CPU idle", "CPU moving")
-    table = Table(*columns, title="control loop")
+    table = Table(*LOOP_COLUMNS, title="control loop")
     table.add_row(
         f"{loop['cycles']:.0f}",
         f"{loop['missed_cycles']:.0f}",

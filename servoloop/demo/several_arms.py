@@ -22,6 +22,7 @@ from servoloop.demo.demo import (
     EXPLANATION,
     FIGURES_S,
     IDLE_S,
+    LOOP_COLUMNS,
     cpu_load,
     loop_figures,
     loop_table,
@@ -31,6 +32,7 @@ from servoloop.demo.demo import (
 )
 from servoloop.demo.jobs import Camera, JobRun, JobRunner, Live, RosClients
 from servoloop.simulation.job import require_cell
+from servoloop.stack import tables
 from servoloop.stack.arm_folders import read_arm_files
 from servoloop.stack.pick_place import NODE as NODE_NAME
 from servoloop.stack.pick_place import PickPlace
@@ -223,10 +225,11 @@ def check_options(options: CellOptions) -> None:
 def print_report(report: SeveralArmsReport, console: Console) -> None:
     """Print the report as tables."""
     for name, runs in report.runs.items():
-        console.print(runs_table(runs, report.joints[name], f"{name} arm: following error, rad"))
+        table = runs_table(runs, report.joints[name], f"{name} arm: following error, rad")
+        tables.print_table(console, table)
     console.print(EXPLANATION)
     console.print()
-    console.print(loop_table(report.loop, report.cpu_percent))
+    tables.print_table(console, loop_table(report.loop, report.cpu_percent), *LOOP_COLUMNS)
     print_summary(report.all_runs, console)
     console.print(f"time during which all arms moved at the same time: {report.together_s:.1f} s")
 

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from commissioning.atomic_write import write_file
 from servoloop.demo.sorting import SortedApple, SortingFilm
+from servoloop.stack.tables import print_table
 from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.sensor import Sensor
 from sim_backend.scene.picture import Picture, save_gif, save_png
@@ -56,7 +57,7 @@ def print_sorting(report: SortingReport, console: Console) -> None:
         column.justify = "right"
     for apple in report.apples:
         table.add_row(*_cells(apple))
-    console.print(table)
+    print_table(console, table)
     console.print(
         "The table shows the true grade and the grade that the camera saw. The camera measures the diameter, the "
         "red fraction and the spot fraction, each shown with its error. The last column is the time from the camera "

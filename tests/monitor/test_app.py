@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from textual.pilot import Pilot
 
-from servoloop.dashboard.terminal import MonitorApp
+from servoloop.dashboard.terminal import JointsTable, MonitorApp
 from servoloop.dashboard.terminal_chart import AXIS, BLANK
 from servoloop.recording import sources as live_source
 from servoloop.recording.robot_state import ObservedRobot
@@ -113,6 +113,14 @@ def test_the_plots_show_the_last_minute(seen: ObservedRobot) -> None:
         assert max(max(row) for row in lower if row) < width - 1
 
     on_screen(FixedSource(seen), look)
+
+
+def test_the_state_of_each_joint_is_visible_at_80_columns(seen: ObservedRobot) -> None:
+    async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
+        table = app.query_one(JointsTable)
+        assert table.virtual_size.width <= 80 and str(list(table.columns.values())[-1].label) == "state"
+
+    on_screen(FixedSource(seen), look, (80, 24))
 
 
 @pytest.mark.parametrize("size", [(80, 24), (30, 8), (4, 2)])

@@ -14,10 +14,12 @@ from commissioning.scan.scan import ScanReport
 from servoloop.commands import scan
 from servoloop.commands.doctor import print_report
 from servoloop.commands.output.calibrate_terminal import Terminal
-from servoloop.commands.shared.console import print_table, text_console
+from servoloop.commands.registers import tables
+from servoloop.commands.shared.console import text_console
 from servoloop.demo.jobs import Live
 from servoloop.manual.live_table import LiveTable
 from servoloop.stack.signals import Signals
+from servoloop.stack.tables import print_table
 
 ARMS = [f"joint{number}" for number in range(1, 7)] + ["hand_right_joint"]
 
@@ -39,6 +41,33 @@ def test_the_doctors_table_fits_into_80_columns() -> None:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "…" not in text and max(map(len, text.splitlines())) <= 80
     assert text.count("-1.683") == len(ARMS) and text.count("overload") == len(ARMS)
+
+
+def test_names_and_numbers_are_whole_at_80_columns() -> None:
+    """The longest texts of ``doctor --arm so101``."""
+    table = Table("joint", "ID", "model", "answers", "position", "V", "°C", "torque", "alarms")
+    for name in ("shoulder_pan", "shoulder_lift"):
+        table.add_row(name, "1", "sts3215_c001", "well", "-1.723", "7.4", "27", "off", "")
+    text = printed(80, table, "joint", "model", "answers", "alarms")
+    assert max(map(len, text.splitlines())) <= 80 and len(text.splitlines()) == 4
+    assert "shoulder_pan " in text and "shoulder_lift" in text and "sts3215_c001" in text and "alarms" not in text
+
+
+def test_a_long_text_is_wrapped_at_words_next_to_whole_names() -> None:
+    table = Table("joint", "servo", "zero", "warning")
+    table.add_row("shoulder_lift", "1", "2047", "not calibrated yet: run servoloop calibrate and then examine the arm")
+    lines = printed(50, table, "joint", "warning").splitlines()
+    assert max(map(len, lines)) <= 50 and "shoulder_lift" in lines[2]
+    assert " ".join(line.split("│")[-1].strip() for line in lines[2:]).startswith("not calibrated yet: run servoloop")
+
+
+def test_the_control_table_of_a_servo_is_printed_with_one_line_per_register(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    tables("sts3215")
+    lines = capsys.readouterr().out.splitlines()
+    assert any("min_position" in line and "0 to 65535" in line for line in lines) and max(map(len, lines)) <= 80
 
 
 @pytest.mark.parametrize("width", [20, 40, 80])

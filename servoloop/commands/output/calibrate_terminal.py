@@ -12,8 +12,9 @@ from rich.text import Text
 from commissioning.calibrate.result import unit
 from commissioning.calibrate.run import STORE
 from commissioning.slow_arm import StoppedError
-from servoloop.commands.shared.console import Keyboard, print_table, text_console
+from servoloop.commands.shared.console import Keyboard, text_console
 from servoloop.stack.signals import Signals
+from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
     from commissioning.calibrate.by_hand import CalibrationTask

@@ -19,11 +19,8 @@ from servoloop.stack.terminal import raw_keys
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 
-UNLIMITED: Final = 1000
-"""Width for measuring tables, in columns. Tables are never wider than this."""
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 
@@ -48,24 +45,6 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     raise TypeError(f"{type(value).__name__} has no JSON form")
-
-
-def print_table(console: "Console", table: "Table", *texts: str) -> None:
-    """Print a table without truncating any text, even if the table is wider than the terminal.
-
-    Args:
-        console: The terminal.
-        table: The table.
-        texts: Headings of the columns to wrap first. Other columns are wrapped only in a narrow terminal.
-    """
-    table.show_edge = table.pad_edge = False
-    for column in table.columns:
-        column.overflow = "fold"
-        column.no_wrap = str(column.header) not in texts
-    if console.measure(table, options=console.options.update(max_width=UNLIMITED)).minimum > console.width:
-        for column in table.columns:
-            column.no_wrap = False
-    console.print(table)
 
 
 def confirm(question: str, yes: bool) -> None:
