@@ -1,5 +1,6 @@
 """``servoloop doctor``: list the faults of an arm, most likely cause first, with the commands that fix them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,6 +61,7 @@ def doctor(
     from commissioning.slow_arm import ENDED_EARLY
     from drivers.clock import MonotonicClock
     from hal.robot_file.calibration_file import load_calibration
+    from servoloop.stack.devices import VIRTUAL
     from servoloop.stack.processes import Interrupted
     from servoloop.stack.signals import Signals
 
@@ -75,10 +77,15 @@ def doctor(
         with Signals(ENDED_EARLY) if move else interruptible() as signals:
             motion = _motion(files, clock, signals)
             report = examine(examined, devices, clock, move=motion)
+    virtual = VIRTUAL in (port or ())
+    if virtual:
+        report = _on_emulator(report, Path(next(iter(devices.values()))).parent)
     if json:
         print_json(report)
     else:
         print_report(report, text_console())
+        if virtual and any(one.command for one in report.findings):
+            typer.echo(f"The virtual servos have ended. Before you run a command, start: {_emulate(arm.arm)}")
     if report_file is not None:
         write_file(report_file, markdown(report, Machine().user.name, files.robot_path))
     if signals and signals.count:
@@ -99,6 +106,18 @@ def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "
     return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count)
 
 
+def _emulate(arm: str) -> str:
+    """Return the command that serves virtual servos at ./bus."""
+    return f"servoloop emulate ./bus --arm {arm}"
+
+
+def _on_emulator(report: "DoctorReport", folder: Path) -> "DoctorReport":
+    """Return the report of virtual servos, with ./bus as the port in its commands, because the servos have ended."""
+    shown = [one.command and one.command.replace(f"{folder}/", "./") for one in report.findings]
+    findings = tuple(replace(one, command=command) for one, command in zip(report.findings, shown, strict=True))
+    return replace(report, findings=findings)
+
+
 def print_report(report: "DoctorReport", console: "Console") -> None:
     """Print the findings and a table of the servos on each bus."""
     for number, one in enumerate(report.findings, 1):
@@ -111,7 +130,7 @@ def print_report(report: "DoctorReport", console: "Console") -> None:
     for bus in report.buses:
         if bus.servos:
             print_table(console, _table(bus), "joint", "model", "answers", "alarms")
-    if not report.findings:
+    if report.healthy:
         console.print("no faults found", style="green")
 
 

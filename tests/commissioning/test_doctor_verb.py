@@ -6,6 +6,7 @@ import os
 import shlex
 import signal
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,25 @@ def test_a_command_of_the_page_reports_a_healthy_arm(
     said = capsys.readouterr().out
     assert status == (1 if "--move" in words else 0), said
     assert ("--json" in words) == said.startswith("{") and (tmp_path / "doctor.md").exists() == ("--report" in words)
+
+
+def test_an_arm_with_warnings_and_notes_has_no_faults(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, "doctor", "--port", str(link)) == 0
+    said = capsys.readouterr().out
+    assert "1. warning:" in said and "note:" in said and "no faults found" in said
+
+
+def test_the_commands_for_virtual_servos_name_an_emulator_that_can_be_started(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    devices = nullcontext({"": str(link)})
+    monkeypatch.setattr("servoloop.stack.emulator_process.virtual_servos", lambda files: devices)
+    assert run(monkeypatch, "doctor", "--port", "virtual", "--arm", "robot_arm") == 0
+    said = capsys.readouterr().out
+    assert "run: servoloop calibrate --arm robot_arm --port ./bus\n" in said
+    assert "Before you run a command, start: servoloop emulate ./bus --arm robot_arm" in said
 
 
 def test_a_fault_is_printed_as_json_with_exit_status_1(
