@@ -51,6 +51,13 @@ class ScanReport:
     skipped: tuple[str, ...]
     """Types of servos that were not searched for, because servos with another protocol had replied."""
 
+    @property
+    def complete(self) -> bool:
+        """Whether servos were found, and each requested ID belongs to exactly one servo of the requested model."""
+        kinds = {problem.kind for servo in self.servos for problem in servo.problems}
+        unique = len({servo.servo_id for servo in self.servos}) == len(self.servos)
+        return bool(self.servos) and unique and not self.absent and kinds.isdisjoint(("wrong_model", "collision"))
+
 
 @dataclass(frozen=True, slots=True)
 class ScanScope:
@@ -158,7 +165,8 @@ class _Search:
         """Return the report, including problems that become visible only when all servos are known."""
         absent = tuple(i for i in self._ids if not self._is_found(i))
         servos = tuple(
-            _of_the_arm(_compared(one, self.found), wanted) for one in sorted(self.found, key=lambda one: one.servo_id)
+            _of_the_arm(_compared(one, self.found, self._port.name), wanted)
+            for one in sorted(self.found, key=lambda one: one.servo_id)
         )
         return ScanReport(
             self._port.name, servos, absent, dict(self._noise), tuple(self._refused), tuple(self._skipped)
@@ -174,7 +182,7 @@ def _ping_each(wire: Wire, servo_ids: Iterable[int], heard: Heard) -> Heard:
     return heard
 
 
-def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedServo:
+def _compared(servo: ScannedServo, servos: Sequence[ScannedServo], port: str) -> ScannedServo:
     """Add a problem to each servo whose baud rate differs from that of most servos."""
     rates = Counter(one.baud for one in servos)
     usual = max(rates, key=lambda baud: (rates[baud], baud))
@@ -188,7 +196,7 @@ def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedSer
     )
     text = (
         f"it responds at {servo.baud} baud, but most servos respond at {usual} baud{also} with "
-        f"servoloop set-baud {servo.servo_id} {usual}"
+        f"servoloop set-baud {servo.servo_id} {usual} --port {port}"
     )
     return replace(servo, problems=(*servo.problems, Problem("other_rate", text)))
 

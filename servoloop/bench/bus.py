@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from rich.console import Console
@@ -21,7 +21,7 @@ from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
 from drivers.types import Reading, ServoGoal, ServoState
-from servoloop.bench.goals import answering_servos, present_goals
+from servoloop.bench.goals import answering_servos, present_goals, silent_servos
 from servoloop.stack.processes import on_one_processor
 
 LOG = logging.getLogger("servoloop")
@@ -54,6 +54,8 @@ class BusSpeed:
 
     ``silent`` counts each cycle without a reply from a servo, even if the servo was not read.
     """
+    silent_servos: tuple[int, ...] = ()
+    """IDs of the servos that do not respond after the measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,8 @@ def bench_bus(
     bus = Bus(SerialPort(port, baud, clock), clock, models)
     try:
         with standing_still(bus, servo_ids, MODELS[model], hold=hold) as goals, on_one_processor():
-            return measure(bus, clock, servo_ids, goals, cycles)
+            figures = measure(bus, clock, servo_ids, goals, cycles)
+            return replace(figures, silent_servos=silent_servos(bus, servo_ids))
     except ValueError as error:  # The goals of all servos do not fit in one packet; no goal was sent.
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
@@ -249,7 +252,7 @@ def print_table(figures: BusSpeed, console: Console) -> None:
     """Print the results as a table."""
     table = Table(title="servo bus", show_header=False)
     for name, value in asdict(figures).items():
-        if name != "faults":
+        if isinstance(value, float):
             table.add_row(name, f"{value:g}")
     for kind, count in figures.faults.items():
         table.add_row(f"faults: {kind}", str(count))

@@ -89,14 +89,26 @@ def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> Pres
 
 def answering_servos(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
     """Return the states of all servos that respond. Raises DriverError if none does."""
+    states = _states(bus, servo_ids)
+    if not states:
+        raise DriverError(_why_no_answer(bus, servo_ids))
+    return states
+
+
+def silent_servos(bus: Bus, servo_ids: Sequence[int]) -> tuple[int, ...]:
+    """Return the IDs of the servos that do not respond."""
+    states = _states(bus, servo_ids)
+    return tuple(i for i in servo_ids if i not in states)
+
+
+def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
+    """Return the states of the servos that respond within a few tries."""
     states: dict[int, ServoState] = {}
     for _ in range(TRIES):
         missing = [i for i in servo_ids if i not in states]
         states |= {i: r for i, r in confirmed_states(bus.read_states, missing).items() if isinstance(r, ServoState)}
         if len(states) == len(servo_ids):
-            return states
-    if not states:
-        raise DriverError(_why_no_answer(bus, servo_ids))
+            break
     return states
 
 

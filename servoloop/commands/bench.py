@@ -53,11 +53,12 @@ def bus(
     it already has. Servos whose torque is off are only read, because a goal would enable their torque. With --hold,
     these servos hold their positions during the measurement, and their torque is disabled at the end. For servos that
     are sent goals, the goal speed and the goal acceleration are set to 0 (no limit). Communication errors are counted
-    and do not stop the measurement. The exit status is 1 if no servo responds, if the control table of every servo
-    differs from that of --model, if the port is lost, or if the torque of a servo may still be on at the end.
+    and do not stop the measurement. The exit status is 1 if a servo does not respond, if the control table of every
+    servo differs from that of --model, if the port is lost, or if the torque of a servo may still be on at the end.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
 
+    from drivers.driver_errors import DriverError
     from servoloop.bench import bus as bench_bus
 
     with interruptible():
@@ -67,6 +68,9 @@ def bus(
         typer.echo(bench_bus.as_json(figures))
     else:
         bench_bus.print_table(figures, text_console())
+    if figures.silent_servos:
+        silent = ", ".join(map(str, figures.silent_servos))
+        raise DriverError(f"no reply from the servo IDs {silent}: check their power and cables, or correct --ids")
 
 
 @app.command()

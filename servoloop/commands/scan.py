@@ -52,7 +52,8 @@ def scan(
     """List the servos on a bus, of all makes and at all baud rates, and report their problems.
 
     The command only pings and reads; torque and registers do not change. After a servo has responded, the other wire
-    protocol is tried only with --make. The exit status is 1 if no servo was found or an expected ID is missing.
+    protocol is tried only with --make. The exit status is 1 if no servo was found, an expected ID is missing, two
+    servos have the same ID, or the model of a servo differs from --arm.
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
 
@@ -76,7 +77,7 @@ def scan(
         print_json(report)
     else:
         print_report(report, text_console())
-    raise typer.Exit(0 if report.servos and not report.absent else 1)
+    raise typer.Exit(0 if report.complete else 1)
 
 
 def _models(arm: str) -> "dict[int, ServoModel]":

@@ -21,11 +21,12 @@ from servoloop.bench.bus import bench_bus, parse_ids
 from servoloop.cli import app
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.mechanics.plant import BenchPlant
+from tests.commissioning.served import run
 from tests.servoloop.served import eventually, served
 
 pytestmark = pytest.mark.slow
 
-KEYS = {"hz", "p50_us", "p99_us", "max_us", "cpu_us", "wire_us", "ratio", "faults"}
+KEYS = {"hz", "p50_us", "p99_us", "max_us", "cpu_us", "wire_us", "ratio", "faults", "silent_servos"}
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,18 @@ def test_figures_are_printed_as_a_table(device: str) -> None:
 
 def test_the_bench_continues_without_an_absent_servo(device: str) -> None:
     figures = bench_bus(device, parse_ids("1-8"), "sts3215", 1_000_000, 60)
-    assert figures.faults["silent"] >= 60
+    assert figures.faults["silent"] >= 60 and figures.silent_servos == (8,)
+
+
+def test_the_exit_status_is_1_and_the_silent_servos_are_named(
+    device: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, "bench", "bus", "--port", device, "--ids", "1-9", "--cycles", "20", "--json") == 1
+    said = capsys.readouterr()
+    assert json.loads(said.out)["silent_servos"] == [8, 9]
+    assert "no reply from the servo IDs 8, 9: check their power and cables, or correct --ids" in " ".join(
+        said.err.split()
+    )
 
 
 def test_the_bench_runs_on_one_processor_and_restores_the_affinity(

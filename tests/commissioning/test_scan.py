@@ -158,7 +158,7 @@ def test_a_servo_at_another_rate_is_not_reported_as_absent() -> None:
         assert kinds(report) == {1: [], 2: [], 3: ["other_rate"]}
         assert report.absent == ((4,) if options else ())
         (problem,) = report.servos[2].problems
-        assert "responds at 115200 baud" in problem.text and "servoloop set-baud 3 1000000" in problem.text
+        assert "responds at 115200 baud" in problem.text and "servoloop set-baud 3 1000000 --port" in problem.text
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])
@@ -166,7 +166,7 @@ def test_a_servo_at_another_rate_is_not_reported_as_absent() -> None:
 @every_make
 def test_duplicate_ids_are_detected(model: ServoModel, seed: int, count: int) -> None:
     report = ToolLine.twins(model, count=count, seed=seed).scan(bauds=[1_000_000])
-    assert kinds(report) == {1: [], 2: ["collision"]}
+    assert kinds(report) == {1: [], 2: ["collision"]} and not report.complete
     assert "probably two servos have ID 2" in report.servos[1].problems[0].text
 
 
@@ -174,7 +174,9 @@ def test_duplicate_ids_at_different_rates_are_found() -> None:
     line = ToolLine({1: sts.STS3215, 2: sts.STS3215, 3: sts.STS3215})
     line.put(3, sts.baud_rate, 4)
     line.put(3, sts.servo_id, 2)
-    found = [(one.servo_id, one.baud, [p.kind for p in one.problems]) for one in line.scan().servos]
+    report = line.scan()
+    assert not report.complete
+    found = [(one.servo_id, one.baud, [p.kind for p in one.problems]) for one in report.servos]
     assert found == [(1, 1_000_000, []), (2, 1_000_000, []), (2, 115_200, ["other_rate"])]
 
 
@@ -317,6 +319,7 @@ def test_a_servo_of_the_wrong_model_is_reported() -> None:
     wanted = {1: MODELS["sts3215_c001"], 2: sts.STS3215, 3: sts.STS3215}
     report = line.scan(models=wanted, bauds=[1_000_000])
     assert (kinds(report), report.absent) == ({1: [], 2: ["wrong_model"]}, (3,))
+    assert not report.complete
     (problem,) = report.servos[1].problems
     assert "its model is sts3250 (number 2825), but servo 2 of the arm must be an sts3215 (777)" in problem.text
 

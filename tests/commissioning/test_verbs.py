@@ -362,6 +362,14 @@ def test_scan_exits_with_1_if_a_servo_is_absent(
     assert "servo 2: does not respond" in " ".join(capsys.readouterr().out.split())
 
 
+def test_scan_exits_with_1_if_the_models_of_the_arm_differ(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.servo(2).memory.put(sts.model_number, sts.STS3250.number)
+    assert run(monkeypatch, "scan", str(link), "--ids", "2", "--arm", "so101", "--baud", "1000000") == 1
+    assert "servo 2 of the arm must be an sts3215_c001" in " ".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.slow
 def test_dynamixels_on_a_pseudo_terminal(
     link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
