@@ -107,7 +107,11 @@ def ask(path: Path, command: Command) -> dict[str, Any]:
                     raise ConnectionError("the emulator closed the connection")
                 answer += more
         except OSError as error:
-            raise PortError(f"no emulator accepts commands at {path} ({error}): check that it is running") from error
+            why = f" ({error.strerror})" if error.strerror else ""
+            bus = path.with_name(path.name.removesuffix(".control"))
+            raise PortError(
+                f"no emulator serves {bus}{why}: start 'servoloop emulate {bus}', or correct the path"
+            ) from error
     found: dict[str, Any] = json.loads(answer)
     if "error" in found:
         raise ValueError(found["error"])

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from commissioning.atomic_write import cannot_write, write_whole
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD, CommissioningError
 from commissioning.provision import persistent_registers
-from drivers.servos.catalog import MODELS
+from drivers.servos.catalog import MODELS, model_advice
 from drivers.servos.register import ServoModel
 from hal.plausible import Baud, RegisterValue, ServoId
 from hal.text_file import read_text
@@ -45,7 +45,7 @@ class ServoPassport(_Strict):
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
         if self.model not in MODELS:
-            raise ValueError(f"unknown model {self.model}: use one of {', '.join(MODELS)}")
+            raise ValueError(f"unknown model {self.model}: {model_advice(self.model)}")
         known = persistent_registers(MODELS[self.model])
         problems = [f"{self.model} has no persistent register {name}" for name in self.registers if name not in known]
         missing = known.keys() - self.registers.keys() - OPTIONAL
@@ -87,13 +87,17 @@ class Passport(_Strict):
 
 def read_passport(path: Path) -> Passport:
     """Read a passport. Raises PassportError listing all errors."""
-    passport = load(path, Passport, PassportError)
     text = read_text(path, PassportError)
-    if not text.endswith(END):
-        raise PassportError(
-            f"{path}:{len(text.splitlines())}: the file is truncated, because its last line is not {END.strip()}. Use "
-            "another copy, or save the passport again"
-        )
+    truncated = PassportError(
+        f"{path}:{len(text.splitlines())}: the file is truncated, because its last line is not {END.strip()}. Use "
+        "another copy, or save the passport again"
+    )
+    is_whole = text.endswith(END)
+    if not is_whole and text.startswith(HEADER.splitlines()[0]):  # its other errors are consequences
+        raise truncated
+    passport = load(path, Passport, PassportError)
+    if not is_whole:
+        raise truncated
     return passport
 
 

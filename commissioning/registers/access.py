@@ -41,7 +41,7 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
         raise CommissioningError(
             f"servo {servo_id}: its position {state.position_counts} includes full turns, which are lost "
-            f"when its torque is enabled. Restart the servo first with 'servoloop reboot {servo_id}'"
+            f"when its torque is enabled. Restart the servo first with 'servoloop reboot {servo_id} --port {bus.name}'"
         )
     limits = bus.position_limits(servo_id)
     if limits and not limits[0] <= state.position_counts <= limits[1]:
@@ -53,7 +53,7 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     bus.torque_on(servo_id)
     if not servo.holds_torque():
         raise CommissioningError(
-            f"servo {servo_id}: its torque could not be enabled. Check its alarms with 'servoloop scan'"
+            f"servo {servo_id}: its torque could not be enabled. Check its alarms with 'servoloop scan {bus.name}'"
         )
 
 
@@ -145,7 +145,8 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
         if servo.holds_torque():
             raise CommissioningError(
                 f"servo {servo.servo_id}: {name} cannot be written while the torque is enabled. Support the arm, "
-                f"then disable the torque with 'servoloop register write --id {servo.servo_id} torque_enable 0'"
+                f"then disable the torque with 'servoloop register write --port {servo.port.name} --id "
+                f"{servo.servo_id} torque_enable 0'"
             )
         _write(servo, register, raw)
     return RegisterWrite(servo.servo_id, before, value_of(servo.model, register, servo.read(register)))

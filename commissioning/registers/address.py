@@ -131,7 +131,7 @@ def _check_arrived(servo: FoundServo, register: Register, found: int | None, for
     if found is None:
         text = (
             f"was changed from {former} to {baud} baud, but the servo no longer responds at either rate. Switch its "
-            "supply off and on, then search for the servo with 'servoloop scan'"
+            f"supply off and on, then search for the servo with 'servoloop scan {servo.port.name}'"
         )
         raise EepromError(servo.servo_id, register, text)
     if found != baud:
@@ -220,7 +220,7 @@ def _refuse_torque(servo: FoundServo, what: str) -> None:
         raise CommissioningError(
             f"servo {servo.servo_id}: {what} while its torque is enabled, because its load falls when the torque is "
             "disabled. Support the arm, then disable the torque with 'servoloop register write "
-            f"--id {servo.servo_id} torque_enable 0'"
+            f"--port {servo.port.name} --id {servo.servo_id} torque_enable 0'"
         )
 
 

@@ -1,11 +1,10 @@
 """List the known servo models and their control tables. No servo needs to be connected."""
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from commissioning.commissioning_errors import CommissioningError
 from commissioning.registers.values import unit_of
-from drivers.servos.catalog import MODELS, is_added, registers_of, series_of
+from drivers.servos.catalog import MODELS, is_added, model_advice, registers_of, series_of
 from drivers.servos.register import Access
 
 
@@ -66,8 +65,7 @@ def listed_registers(name: str) -> tuple[ListedRegister, ...]:
         CommissioningError: The model is unknown. The message lists similar names.
     """
     if name not in MODELS:
-        near = get_close_matches(name, MODELS) or sorted(MODELS)
-        raise CommissioningError(f"unknown servo model {name}: use one of {', '.join(near)}")
+        raise CommissioningError(f"unknown servo model {name}: {model_advice(name)}")
     model = MODELS[name]
     return tuple(
         ListedRegister(

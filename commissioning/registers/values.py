@@ -118,6 +118,7 @@ def unit_of(model: ServoModel, register: Register) -> Unit:
 
 
 _QUANTITY: Final = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(\S*)\s*")
+_HEXADECIMAL: Final = re.compile(r"\s*[+-]?0[xX][0-9a-fA-F]+\s*")
 _SPELLED: Final = {"c": "°c", "degc": "°c", "us": "µs", "μs": "µs", "counts/s^2": "counts/s²", "rev/min^2": "rev/min²"}
 """Alternative spellings of units that contain characters missing from most keyboards."""
 
@@ -169,6 +170,8 @@ def parse(model: ServoModel, register: Register, text: str) -> int:
     Raises CommissioningError.
     """
     unit = unit_of(model, register)
+    if _HEXADECIMAL.fullmatch(text):
+        raise CommissioningError(f"{register.name} must be a decimal number, not {text!r}: write {int(text, 16)}")
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise CommissioningError(f"{register.name} must be a number{_or_quantity(unit.symbol)}, not {text!r}")

@@ -120,7 +120,7 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
     tried = f"{' or '.join(map(str, bauds))} baud" if bauds else "any baud rate"
     raise CommissioningError(
         f"no servo with ID {servo_id} responds at {tried}. Check its power and its cable, and list the servos on "
-        "the port with 'servoloop scan'"
+        f"the port with 'servoloop scan {port.name}'"
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Final, Literal
 
@@ -80,7 +81,7 @@ def series_of(model: ServoModel) -> Series:
     for series in SERIES:
         if series.by_name.get(model.name) == model:
             return series
-    raise ValueError(f"{model.name} is not a supported servo model: choose one of {', '.join(sorted(MODELS))}")
+    raise ValueError(f"{model.name} is not a supported servo model: {model_advice(model.name)}")
 
 
 def registers_of(model: ServoModel) -> tuple[Register, ...]:
@@ -127,6 +128,18 @@ def known_as(number: int, series: Series) -> str:
     """Return the names of the manufacturer's models with this number, in either byte order."""
     names = [model.name for model in _numbered(number, series)]
     return " or ".join(names) or unsupported(number, series) or "unknown"
+
+
+def model_advice(name: str, known: Iterable[str] | None = None) -> str:
+    """Return which models to use instead of an unknown model: the closest names.
+
+    Args:
+        name: Unknown name.
+        known: Names to choose from; all models if None.
+    """
+    near = get_close_matches(name[:50], MODELS if known is None else known, cutoff=0.4)
+    every = "'servoloop register tables' lists all models"
+    return f"use one of {', '.join(near)} ({every})" if near else every
 
 
 def other_rated_voltages(model: ServoModel) -> list[float]:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from drivers.servos.catalog import MODELS, Make, series_of, too_many
+from drivers.servos.catalog import MODELS, Make, model_advice, series_of, too_many
 from drivers.servos.dynamixel import PROTOCOL_2, X
 from drivers.servos.register import ServoModel
 from hal.hal_errors import RobotFileError
@@ -90,7 +90,7 @@ class JointFile(_Strict):
     @classmethod
     def _known_model(cls, model: str) -> str:
         if model not in MODELS:
-            raise ValueError(f"unknown model {model}: use one of {', '.join(MODELS)}")
+            raise ValueError(f"unknown model {model}: {model_advice(model)}")
         return model
 
 

@@ -162,8 +162,8 @@ def _mistakes(name: str, described: ModelFile, source: YamlFile) -> Iterator[str
     """Yield the errors in one model, each with its file and line."""
     like = catalog.MODELS.get(described.like)
     if like is None or described.like == name:
-        known = ", ".join(sorted(set(catalog.MODELS) - {name}))
-        yield f"{source.place((name, 'like'))}: unknown model {described.like}: use one of {known}"
+        advice = catalog.model_advice(described.like, sorted(set(catalog.MODELS) - {name}))
+        yield f"{source.place((name, 'like'))}: unknown model {described.like}: {advice}"
         return
     for key, mistake in _wrong_figures(described, like):
         yield f"{source.place((name, key))}: {mistake}"

@@ -22,7 +22,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from drivers.clock import Clock, wall_offset_s
-from drivers.printable import printable_line
+from drivers.printable import printable
 from nodes.namespace import frame_prefix, namespace_of
 from nodes.perception.messages import apple_array, camera_info, compressed, diagnostics, image, pose_array
 from nodes.perception.parameters import FRAMES, Setup, declare
@@ -90,7 +90,7 @@ class CameraNode:
                     self._publish(seen, intrinsics)
         except Exception as error:  # The node must report that it no longer grades images.
             self._set(GradingStatus(False, f"internal error: {type(error).__name__}: {error}"))
-            self._node.get_logger().error(printable_line(f"the camera has stopped: {error!r}"))
+            self._node.get_logger().error(printable(f"the camera has stopped: {type(error).__name__}: {error}"))
         finally:
             loop.close()
 
@@ -117,7 +117,7 @@ class CameraNode:
             return
         self._logged = problem
         if problem:  # rclpy accepts only one severity per call site.
-            self._node.get_logger().error(printable_line(f"no images are graded: {problem}"))
+            self._node.get_logger().error(printable(f"no images are graded: {problem}"))
         else:
             self._node.get_logger().info("the camera works, and its images are being graded")
 

@@ -18,7 +18,7 @@ from drivers.bus.late_replies import HELD_S
 from drivers.clock import Clock, MonotonicClock
 from drivers.driver_errors import DriverError
 from drivers.port.serial_port import SerialPort
-from drivers.servos.catalog import MODELS
+from drivers.servos.catalog import MODELS, model_advice
 from drivers.servos.register import ServoModel
 from drivers.types import Reading, ServoGoal, ServoState
 from servoloop.bench.goals import answering_servos, present_goals, silent_servos
@@ -133,7 +133,7 @@ def bench_bus(
             of a servo may still be on at the end.
     """
     if model not in MODELS:
-        raise DriverError(f"unknown servo model {model}; the known models are {', '.join(sorted(MODELS))}")
+        raise DriverError(f"unknown servo model {model}: {model_advice(model)}")
     clock = MonotonicClock()
     models = dict.fromkeys(servo_ids, MODELS[model])
     bus = Bus(SerialPort(port, baud, clock), clock, models)

@@ -182,6 +182,10 @@ def hand(
     command: dict[str, Any] = {"do": do, "joints": [joint] if joint else []}
     if do == "move" and (joint is None or position is None):
         raise DriverError("move needs a joint and a position, such as: servoloop hand ./bus move elbow_flex 1.2")
+    if position is not None and do != "move":
+        raise DriverError(f"{do} takes no position: omit {position:g}, or use move")
+    if do == "lay" and joint is not None:
+        raise DriverError(f"lay takes no joint: omit {joint}")
     if position is not None:
         command["position"] = position
     try:

@@ -227,8 +227,14 @@ def plane(
     from perception.calibration.plane import calibrate_plane
     from perception.camera_view import pose_text
     from perception.intrinsics import read_intrinsics
+    from perception.perception_errors import PerceptionError
 
     require_extras("the camera", "vision")
+    if not camera_file.exists():
+        raise PerceptionError(
+            f"{camera_file} does not exist: measure the intrinsics with 'servoloop camera calibrate', or pass the file "
+            "with --camera"
+        )
     intrinsics = read_intrinsics(camera_file)
     require_file(out)
     with CameraFormat(*intrinsics.size).opened(source) as camera:

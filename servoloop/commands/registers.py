@@ -81,7 +81,7 @@ def whole_number(value: str) -> int:
     try:
         return int(value)
     except ValueError:
-        raise CommissioningError(f"with --address, the value must be a whole number, not {value!r}") from None
+        raise CommissioningError(f"with --address, the value must be a whole decimal number, not {value!r}") from None
 
 
 def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool) -> None:
@@ -117,10 +117,10 @@ def write_status_level(port: str | None, servo_id: int, baud: int | None, model:
     from commissioning.registers.mute import answer_reads
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
-    from drivers.servos.catalog import MODELS, series_of
+    from drivers.servos.catalog import MODELS, model_advice, series_of
 
     if model not in MODELS:
-        raise CommissioningError(f"--model {model} is unknown: use one of {', '.join(sorted(MODELS))}")
+        raise CommissioningError(f"--model {model} is unknown: {model_advice(model)}")
     series = series_of(MODELS[model])
     if words != [series.status_level.name, str(series.answers_all)]:
         raise CommissioningError(

@@ -64,7 +64,7 @@ def scan(
     from drivers.port.serial_port import SerialPort
     from servoloop.bench.bus import parse_ids
 
-    scope = ScanScope(baud or (), parse_ids(ids) if ids else (), [one.make for one in make or ()])
+    scope = ScanScope(baud or (), parse_ids(ids) if ids is not None else (), [one.make for one in make or ()])
     models = _models(arm) if arm else None
     clock, device = MonotonicClock(), port or only_port()
     line = SerialPort(device, (baud or [1_000_000])[0], clock)
@@ -77,7 +77,19 @@ def scan(
         print_json(report)
     else:
         print_report(report, text_console())
+        if not report.servos:
+            _print_rates(baud or ())
     raise typer.Exit(0 if report.complete else 1)
+
+
+def _print_rates(bauds: Sequence[int]) -> None:
+    """Report the requested baud rates that no supported servo has."""
+    from commissioning.scan.steps import RATES
+
+    known = sorted({rate for rates in RATES.values() for rate in rates})
+    for baud in bauds:
+        if baud not in known:
+            typer.echo(f"! no supported servo has {baud} baud: use one of {', '.join(map(str, known))}")
 
 
 def _models(arm: str) -> "dict[int, ServoModel]":

@@ -4,6 +4,7 @@ The hand acts like a spring with a damper, and its force and speed are limited. 
 hand merely presses against the stop.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
@@ -15,10 +16,15 @@ STRONGEST_NM: Final = 2.0
 STIFFNESS_NM_RAD: Final = 40.0
 DAMPING_NM_S: Final = 1.0
 SPEED_RAD_S: Final = 1.0
+MARGIN_RAD: Final = math.pi
+"""Maximum distance of a target beyond a hard stop, in radians of the servo's shaft."""
 
 
 class Pushable(Protocol):
     """The part of ``sim_backend.scene.world.World`` that a hand uses."""
+
+    @property
+    def model(self) -> Any: ...
 
     @property
     def data(self) -> Any: ...
@@ -84,6 +90,16 @@ class SceneHand:
         """Return the position of the joint."""
         return float(self._world.data.joint(joint).qpos[0])
 
+    def range(self, joint: str) -> tuple[float, float]:
+        """Return the range of the joint between its hard stops. A joint without stops has an infinite range."""
+        described = self._world.model.joint(joint)
+        lower, upper = map(float, described.range)
+        return (lower, upper) if described.limited[0] else (-math.inf, math.inf)
+
+    def margin(self, joint: str) -> float:
+        """Return how far beyond a hard stop a target may be, to press against the stop."""
+        return MARGIN_RAD * self._reach[joint]
+
     def update(self) -> None:
         """Apply the hand's force to the joints for one timestep."""
         for joint, grip in self._grips.items():
@@ -107,6 +123,16 @@ def _position(value: Any) -> float:
     return position
 
 
+def _within_reach(hand: SceneHand, joint: str, position: float) -> float:
+    """Check that a position is close to the range of its joint. Raises ValueError."""
+    lower, upper = hand.range(joint)
+    if not lower - hand.margin(joint) <= position <= upper + hand.margin(joint):
+        raise ValueError(
+            f"{position:g} is far outside the range of {joint}, {lower:.3f} to {upper:.3f}: pass a position in rad or m"
+        )
+    return position
+
+
 def handle_hand_command(hand: SceneHand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
     """Execute a command of ``servoloop hand`` and return the state of all joints.
 
@@ -120,12 +146,14 @@ def handle_hand_command(hand: SceneHand, lay_table: Callable[[], None], command:
     elif what == "release":
         hand.release(*joints)
     elif what == "move" and len(joints) == 1:
-        hand.move(joints[0], _position(command["position"]))
+        hand.move(joints[0], _within_reach(hand, joints[0], _position(command["position"])))
     elif what == "lay":
         lay_table()
+    elif what in ("connect", "disconnect"):
+        raise ValueError(f"{what} needs a box of servos: start the emulator with 'servoloop emulate LINK --box'")
     elif what != "look":
         raise ValueError(f"do must be hold, release, move (one joint to a position), lay or look, not {what}")
     return {
         name: {"position": round(hand.position(name), 5), "held": hand.holds(name), "arrived": hand.arrived(name)}
-        for name in hand.joints
+        for name in (joints if what == "look" and joints else hand.joints)
     }

@@ -153,8 +153,24 @@ def test_an_unknown_joint_in_the_plan_ends_an_automatic_calibration_before_it_be
     assert f"{file}:{line}: calibration.auto.{part} lists {name}. No servo has this name: use one of shoulder" in said
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("hold", "elbow_flex", "0.3"), "hold takes no position: omit 0.3, or use move"),
+        (("lay", "elbow_flex"), "lay takes no joint: omit elbow_flex"),
+    ],
+)
+def test_the_hand_command_refuses_arguments_without_effect(
+    words: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
+    told = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), *words])
+    assert message in str(told.exception)
+
+
 def test_the_hand_command_reports_impossible_actions_and_missing_hands(tmp_path: Path) -> None:
-    with pytest.raises(PortError, match="no emulator accepts commands at"):
+    with pytest.raises(
+        PortError, match=r"no emulator serves \S+/bus \(No such file or directory\): start 'servoloop emu"
+    ):
         ask(control_path(tmp_path / "bus"), {"do": "look"})
     told = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), "move", "elbow_flex", "-0.5"])
-    assert "no emulator accepts commands at" in str(told.exception), "a negative number is no option"
+    assert "no emulator serves" in str(told.exception), "a negative number is no option"

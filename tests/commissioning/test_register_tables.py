@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.servos.catalog import MODELS
+from drivers.servos.catalog import MODELS, model_advice
 from tests.commissioning.served import run
 from tests.hal.user_models import GOOD, forgotten
 
@@ -61,6 +61,11 @@ def test_an_unknown_model_gets_similar_names(
 ) -> None:
     assert run(monkeypatch, "register", "tables", "sts3216") == 1
     assert "unknown servo model sts3216: use one of sts3215" in capsys.readouterr().err
+
+
+def test_an_unknown_model_gets_few_names() -> None:
+    assert model_advice("sts9999").count(",") <= 2
+    assert model_advice("\u4f1d" * 9) == "'servoloop register tables' lists all models"
 
 
 def test_a_mistake_in_the_file_of_the_present_folder_is_reported_with_its_line(

@@ -103,6 +103,7 @@ def test_printed_values_can_be_parsed(model: ServoModel, data: st.DataObject) ->
         ("65.5", "must be a whole number .the raw value. or a quantity with the unit °C"),
         ("warm", "must be a number"),
         ("", "must be a number"),
+        ("0x41", "max_temperature must be a decimal number, not '0x41': write 65"),
         ("300", "max_temperature must be 0 to 100, not 300"),
         ("-1", "max_temperature must be 0 to 100, not -1"),
     ],

@@ -346,9 +346,27 @@ def test_mistakes_name_the_servo_and_the_solution(
             "no servo with ID 3 responds at 500000 baud",
         ),
         (("reboot", "3", "--port", "/dev/ttyACM77"), "/dev/ttyACM77 does not exist"),
+        (("scan", str(link), "--ids", ""), "--ids must be IDs from 0 to 253, such as 1-7 or 1,2,5, not ''"),
     ):
         assert run(monkeypatch, *arguments) == 1
         assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_scan_names_the_rates_if_no_servo_has_the_requested_rate(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, "scan", str(link), "--ids", "1", "--baud", "115201") == 1
+    assert "no supported servo has 115201 baud: use one of 9600, 19200" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_command_that_disables_the_torque_names_the_port(
+    bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.servo(3).memory.put(sts.torque_enable, 1)
+    where = ("--port", str(link), "--id", "3", "--baud", "1000000")
+    assert run(monkeypatch, "register", "write", *where, "max_temperature", "60", answer="y\n") == 1
+    command = f"servoloop register write --port {link} --id 3 torque_enable 0"
+    assert command in " ".join(capsys.readouterr().err.split())
 
 
 def test_scan_exits_with_1_if_a_servo_is_absent(

@@ -88,7 +88,10 @@ def test_a_picture_is_saved_with_the_true_rate(
         ("show 77", "there is no camera /dev/video77: "),
         ("board board.gif", "board.gif ends neither with .pdf nor with .png"),
         ("board no/board.pdf", "cannot write no/board.pdf: No such file or directory: choose another file"),
-        ("plane 77 --x 0 --y 0", "cannot read camera.yaml: No such file"),
+        (
+            "plane 77 --x 0 --y 0",
+            "camera.yaml does not exist: measure the intrinsics with 'servoloop camera calibrate'",
+        ),
         ("plane 77 --x 0 --y 0 --camera lens.yaml --out no/pose.yaml", "cannot write into no: No such file"),
         ("calibrate 77 --out no/camera.yaml", "cannot write into no: No such file or directory"),
         ("show 77 --out no/camera.png", "cannot write into no: No such file or directory"),

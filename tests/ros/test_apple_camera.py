@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -20,7 +21,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from nodes.perception.node import CameraNode
 from perception.camera_view import pose_text
+from perception.grading_loop import GradingStatus
 from perception.intrinsics import intrinsics_text
 from tests.perception import painted
 from tests.ros.stack_process import StackProcess, until
@@ -118,6 +121,14 @@ def camera(folder: Path, **parameters: str) -> Iterator[subprocess.Popen[str]]:
             process.terminate()
             _, log = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0 and "Traceback" not in log, log
+
+
+def test_each_mistake_has_its_own_line_in_the_log() -> None:
+    lines: list[str] = []
+    camera = object.__new__(CameraNode)
+    camera._logged, camera._node = "", SimpleNamespace(get_logger=lambda: SimpleNamespace(error=lines.append))
+    camera._set(GradingStatus(False, "grades.yaml:2: wrong\ngrades.yaml:3: wrong"))
+    assert lines == ["no images are graded: grades.yaml:2: wrong\ngrades.yaml:3: wrong"]
 
 
 @pytest.mark.runs("python -m nodes.apple_camera --ros-args -p source:=pictures")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.scene.hand import SceneHand
+from sim_backend.scene.hand import SceneHand, handle_hand_command
 from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import JOINTS, READY
 
@@ -113,6 +113,17 @@ def test_the_cube_is_touched_when_the_fingers_close_on_it():
     for _ in range(100):
         world.step([0, 0, 0, 0, 0, 0, 40.0])
     assert world.cell.cube_touched()
+
+
+def test_a_hand_command_without_effect_is_refused():
+    hand = SceneHand(World(), {"joint2": 1.0, "joint3": 1.0})
+    with pytest.raises(
+        ValueError, match=r"99 is far outside the range of joint2, -?\d\.\d+ to \d\.\d+: pass a position"
+    ):
+        handle_hand_command(hand, list, {"do": "move", "joints": ["joint2"], "position": 99})
+    with pytest.raises(ValueError, match="connect needs a box of servos: start the emulator with 'servoloop emulate"):
+        handle_hand_command(hand, list, {"do": "connect"})
+    assert list(handle_hand_command(hand, list, {"do": "look", "joints": ["joint3"]})) == ["joint3"]
 
 
 @pytest.mark.parametrize("released_first", [True, False])

@@ -7,6 +7,7 @@ from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, write
 from drivers.servos.catalog import other_rated_voltages, series_of
+from drivers.servos.register import ServoModel
 from drivers.servos.voltage import voltage_fault, voltage_range
 
 SAG_V: Final = 1.0
@@ -55,16 +56,16 @@ def _level_fault(servo: ServoSnapshot) -> str | None:
 
 def _levels(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding]:
     """Check the voltage of every servo. Servos of one model with the same fault share a finding."""
-    groups: dict[tuple[object, ...], list[ServoSnapshot]] = {}
+    groups: dict[tuple[str, ServoModel, tuple[float, float] | None, str | None], list[ServoSnapshot]] = {}
     for servo in servos:
         if kind := _level_fault(servo):
             limits = voltage_limits(servo.registers) if kind == "voltage_limits_wrong" else None
             command = _limit_command(servo) if limits else None
             groups.setdefault((kind, servo.joint.model, limits, command), []).append(servo)
-    for (kind, *_, command), group in groups.items():
+    for (kind, _, _, command), group in groups.items():
         place = place_of(bus, group[0]) if len(group) == 1 else FindingPlace(bus=bus.name)
         cause = _limits_cause(group, command is not None) if kind == "voltage_limits_wrong" else _supply_cause(group)
-        yield finding(str(kind), place, SYMPTOMS[str(kind)], cause, str(command) if command else None)
+        yield finding(kind, place, SYMPTOMS[kind], cause, command)
 
 
 def _supply_cause(group: list[ServoSnapshot]) -> str:
