@@ -211,8 +211,8 @@ class SetUp:
         if gear.verdict == "other":
             anew = servo_id == place.servo_id != FACTORY_ID
             advice = (
-                f"To use this servo for another joint, reset it with 'servoloop factory-reset {servo_id}' and "
-                f"'servoloop set-id {servo_id} {FACTORY_ID}'"
+                f"To use this servo for another joint, reset it with 'servoloop factory-reset {servo_id} --port "
+                f"{self._bus.name}' and 'servoloop set-id {servo_id} {FACTORY_ID} --port {self._bus.name}'"
             )
             raise NotYet(
                 f"servo {servo_id} has the wrong gear for {place.joint}: {gear.text}. Connect the right servo. "

@@ -102,7 +102,8 @@ def test_a_set_up_servo_with_a_wrong_gear_can_be_reset() -> None:
     table.instead = end
     with pytest.raises(KeyboardInterrupt):
         table.set_up().run()
-    assert "reset it with 'servoloop factory-reset 3' and 'servoloop set-id 3 1'" in table.asked[-1].problem
+    assert "reset it with 'servoloop factory-reset 3 --port " in table.asked[-1].problem
+    assert "and 'servoloop set-id 3 1 --port " in table.asked[-1].problem
 
 
 def test_a_loaded_horn_is_reported_and_the_servo_is_set_up() -> None:
