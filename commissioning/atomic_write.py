@@ -55,14 +55,25 @@ def make_folder(folder: Path) -> None:
     require_writable(folder)
 
 
-def require_file(path: Path) -> None:
-    """Raise DriverError if a file cannot be written at ``path``. Call this function before a long run, so that the run
-    does not fail only when it writes its result."""
+def require_file(path: Path, *suffixes: str) -> None:
+    """Raise DriverError if a file cannot be written at ``path``, or if its name does not end in one of ``suffixes``.
+
+    Call this function before a long run, so that the run does not fail only when it writes its result.
+    """
     if path.is_dir():
         raise DriverError(f"{path} is a folder: choose the name of a file")
     if _is_special(path):
         raise DriverError(f"{path} is not a regular file: choose another path")
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise DriverError(f"{path} does not end in {' or '.join(suffixes)}: choose such a name for the file to write")
     require_writable(path.parent)
+
+
+def require_output(path: Path, source: Path, *suffixes: str) -> None:
+    """Raise DriverError if a file cannot be written at ``path``, or if ``path`` is the file that the command reads."""
+    require_file(path, *suffixes)
+    if path.exists() and source.exists() and path.samefile(source):
+        raise DriverError(f"{path} is the file that this command reads: choose another file to write")
 
 
 def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:

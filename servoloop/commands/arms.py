@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from commissioning.atomic_write import make_folder
+from commissioning.atomic_write import make_folder, require_file
 from servoloop.commands.shared.console import text_console
 from servoloop.extras import missing_extras, require_extras
 from servoloop.stack.arm_folders import PATHS, ArmFolder, arms, find_arm, read_arm
@@ -146,6 +146,7 @@ def show(
     found = find_arm(arm)
     path = out or FOLDER / f"{found.name}.png"
     make_folder(path.parent)
+    require_file(path, ".png")
     write_picture(draw_arm(found), path)
     typer.echo(path)
 

@@ -97,7 +97,7 @@ def arm(
 
     require_extras("the report page", "report")
     make_folder(out.parent)
-    require_file(out)
+    require_file(out, ".html")
     found = find_arm(arm)
     with served_devices(port, read_arm_servos(found)) as devices:
         confirm(MOVES, yes)

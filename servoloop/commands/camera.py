@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from commissioning.atomic_write import cannot_write, require_file, write_whole
+from commissioning.atomic_write import cannot_write, require_file, require_output, write_whole
 from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 READ_S: Final = 2.0
 """Maximum time to wait for a frame, in seconds."""
+PICTURES: Final = (".png", ".jpg", ".jpeg")
+"""Suffixes of the files that `camera show` can write."""
+YAML: Final = (".yaml", ".yml")
 app = typer.Typer(no_args_is_help=True, help="List, show and calibrate cameras.")
 Source = Annotated[
     str, typer.Argument(help="Path in /dev/v4l/by-id, camera index, video, image, or image folder.", metavar="SOURCE")
@@ -136,7 +139,7 @@ def show(
     """
     from perception.perception_errors import SourceEnded
 
-    require_file(out)
+    require_output(out, Path(source), *PICTURES)
     with form.opened(source) as camera:
         first = last = camera.read(READ_S)
         count = 1
@@ -197,12 +200,12 @@ def calibrate(
     from perception.calibration.lens import calibrate_lens
     from perception.intrinsics import intrinsics_text
 
-    require_file(out)
+    require_output(out, Path(source), *YAML)
     with form.opened(source) as camera:
         collected = _collect(camera, size.board(), effort)
     report = calibrate_lens(collected, name)
     focal = report.intrinsics.matrix[0, 0], report.intrinsics.matrix[1, 1]
-    _save(out, intrinsics_text(report.intrinsics).encode())
+    _save(out, intrinsics_text(report.intrinsics).encode(), keep=True)
     typer.echo(
         f"{len(collected)} views: focal lengths {focal[0]:.1f} and {focal[1]:.1f} pixels, reprojection error "
         f"{report.error_px:.2f} pixels (worst view {max(report.view_errors_px):.2f}), "
@@ -236,11 +239,11 @@ def plane(
             "with --camera"
         )
     intrinsics = read_intrinsics(camera_file)
-    require_file(out)
+    require_output(out, camera_file, *YAML)
     with CameraFormat(*intrinsics.size).opened(source) as camera:
         view = BoardDetector(size.board()).view(camera.read(READ_S).rgb)
     report = calibrate_plane(view, intrinsics, place.place())
-    _save(out, pose_text(report.pose).encode())
+    _save(out, pose_text(report.pose).encode(), keep=True)
     position = ", ".join(f"{value:.3f}" for value in report.pose.position_m)
     typer.echo(
         f"the camera is at ({position}) m in base_link, reprojection error {report.error_px:.2f} pixels; saved {out}"
@@ -278,17 +281,13 @@ def _encoded(picture: "Picture", ending: str) -> bytes:
     """Encode a gray or BGR image in the file format selected by the suffix ``ending``."""
     import cv2
 
-    from perception.perception_errors import CameraError
-
-    if ending not in (".png", ".jpg", ".jpeg"):
-        raise CameraError(f"'{ending}' is not an image format: choose a file that ends with .png or .jpg")
     return cv2.imencode(ending, picture)[1].tobytes()
 
 
-def _save(path: Path, content: bytes) -> None:
+def _save(path: Path, content: bytes, keep: bool = False) -> None:
     from perception.perception_errors import CameraFileError
 
     try:
-        write_whole(path, content, keep=False)
+        write_whole(path, content, keep)
     except OSError as error:
         raise CameraFileError(f"{cannot_write(path, error)}: choose another file") from error

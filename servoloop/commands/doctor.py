@@ -66,7 +66,7 @@ def doctor(
     from servoloop.stack.signals import Signals
 
     if report_file is not None:
-        require_file(report_file)
+        require_file(report_file, ".md")
     files = arm.read()
     clock = MonotonicClock()
     examined = ExaminedArm(files.robot, arm.arm, load_calibration(files.robot_path))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from commissioning.atomic_write import require_file
+from commissioning.atomic_write import require_output
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from hal.plausible import RANGES
@@ -91,8 +91,8 @@ def plot(
     from servoloop.recording.reader import read_recording
 
     require_extras("the page", "report")
-    if out is not None:
-        require_file(out)
+    path = out or recording.with_suffix(".html")
+    require_output(path, recording, ".html")
     console = text_console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(
@@ -101,7 +101,6 @@ def plot(
     with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
         from servoloop.recording.page import write_page  # This imports matplotlib, which takes a second.
 
-        path = out or recording.with_suffix(".html")
         write_page(path, run, recording.name)
     if json:
         print_json({"page": str(path), "cycles": len(run.time_s), "missed": run.missed, "faults": len(run.faults)})

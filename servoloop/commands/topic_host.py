@@ -10,7 +10,7 @@ from nodes.topic_host.topics import COMMANDS, NAME, OTHER, STATES, HostTopics
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.shared.other_stacks import search_for_others
-from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
+from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, announced, check_ready_file
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import NamespaceOption, ServoArm, xacro_arguments
@@ -65,12 +65,7 @@ def topic_host(
         files = replace(files, controllers=replace(files.controllers, update_rate_hz=options.rate))
     devices = parse_ports(port or [], files.robot.file.lines())
 
-    def ready(text: str) -> None:
-        typer.echo(f"ready: {text}")
-        if ready_file is not None:
-            write_ready(ready_file)
-
     topics = HostTopics(options.states_topic, options.commands_topic)
-    with search_for_others(NAME, OTHER, namespace) as search:
+    with search_for_others(NAME, OTHER, namespace) as search, announced(ready_file) as ready:
         status = run(hardware, devices, files, ready, ForeignControllers(topics, options.record, search))
     raise typer.Exit(status)

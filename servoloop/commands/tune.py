@@ -90,7 +90,7 @@ def tune(
     files = arm.read()
     path = out or FOLDER / f"{request.joint}.svg"
     make_folder(path.parent)
-    require_file(path)
+    require_file(path, ".svg")
     signals = Signals(ENDED_EARLY)
     with served_devices(port, files) as devices:
         tuner, ending = _tuner(files, request.joint, devices, signals)

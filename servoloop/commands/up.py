@@ -2,14 +2,15 @@
 
 import logging
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from commissioning.atomic_write import make_folder, require_writable
+from commissioning.atomic_write import make_folder, require_file
 from drivers.driver_errors import DriverError
 from nodes.manager.only_manager import MANAGER, OTHER
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
@@ -42,7 +43,9 @@ PortOption = Annotated[
     list[str] | None,
     typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
 ]
-ReadyFileOption = Annotated[Path | None, typer.Option(help="File to create when the stack is ready for goals.")]
+ReadyFileOption = Annotated[Path | None, typer.Option(help="File that exists while the stack is ready for goals.")]
+LONGEST_READY: Final = 32
+"""Number of bytes that are read from an existing ready file; a process ID is shorter."""
 
 
 @grouped_options
@@ -69,14 +72,9 @@ def up(
     if options.plan:
         _check_planning(options)
 
-    def ready(text: str) -> None:
-        typer.echo(f"ready: {text}")
-        if ready_file is not None:
-            write_ready(ready_file)
-
     files = arm.read()
     devices = parse_ports(port or [], files.robot.file.lines())
-    with search_for_others(MANAGER, OTHER, arm.namespace, options.ros) as search:
+    with search_for_others(MANAGER, OTHER, arm.namespace, options.ros) as search, announced(ready_file) as ready:
         from servoloop.up import OwnControllers  # The search continues in the background during this import.
         from servoloop.up import up as run
 
@@ -85,11 +83,52 @@ def up(
 
 
 def check_ready_file(path: Path | None) -> None:
-    """Check that the file for --ready-file can be written. Raises DriverError."""
-    if path is not None:
-        if path.is_dir():
-            raise DriverError(f"--ready-file {path} is a folder; choose a file")
-        require_writable(path.parent)
+    """Check that the file for --ready-file can be written, and remove the one of an earlier run. Raises DriverError."""
+    if path is None:
+        return
+    require_file(path)
+    if not path.exists():
+        return
+    if not _is_ready_file(path):
+        raise DriverError(
+            f"--ready-file {path} exists and is not a ready file: choose another path, or delete the file"
+        )
+    try:
+        path.unlink()
+    except OSError as error:
+        raise DriverError(f"cannot remove the ready file {path} of an earlier run: {error.strerror}") from error
+
+
+def _is_ready_file(path: Path) -> bool:
+    """Return whether a file is empty or contains only a process ID."""
+    try:
+        with path.open("rb") as file:
+            return re.fullmatch(rb"\d*\n?", file.read(LONGEST_READY)) is not None
+    except OSError:
+        return False
+
+
+@contextmanager
+def announced(ready_file: Path | None) -> Iterator[Callable[[str], None]]:
+    """Yield the function that reports that the stack is ready. Its ready file is removed at the end of the block."""
+
+    def ready(text: str) -> None:
+        typer.echo(f"ready: {text}")
+        if ready_file is not None:
+            write_ready(ready_file)
+
+    try:
+        yield ready
+    finally:
+        if ready_file is not None:
+            _remove_ready(ready_file)
+
+
+def _remove_ready(path: Path) -> None:
+    """Remove the ready file of this process. The file of another process is kept."""
+    with suppress(OSError):
+        if path.read_bytes() == f"{os.getpid()}\n".encode():
+            path.unlink()
 
 
 def _check_planning(options: UpOptions) -> None:

@@ -155,7 +155,7 @@ def test_an_emulator_refuses_a_path_in_use(
         ),
         (("up", "--hardware", "mujoco", "--port", "/dev/ttyACM77"), "omit --port or --hardware"),
         (("up", "--hardware", "mock", "--ready-file", "/nix/nix"), "cannot write into /nix: No such file"),
-        (("up", "--hardware", "mock", "--ready-file", "/"), "--ready-file / is a folder"),
+        (("up", "--hardware", "mock", "--ready-file", "/"), "/ is a folder: choose the name of a file"),
         (
             ("up", "--rtf", "5", "--port", "/dev/ttyACM77"),
             "real servos cannot run in simulated time: omit --port, or --rtf",
