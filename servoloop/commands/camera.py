@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from commissioning.atomic_write import cannot_write, require_file, require_output, write_whole
+from commissioning.atomic_write import cannot_write, require_output, write_whole
 from servoloop.commands.shared.console import JsonOption, print_json, text_console
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras

@@ -12,6 +12,7 @@ from drivers.printable import counted
 from servoloop.commands.shared.console import text_console
 from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
 from servoloop.stack.shipped_files import OWN
+from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -188,17 +189,21 @@ def save(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None)
 
     Example: `servoloop pose save over_the_box`
     """
-    from servoloop.manual.poses import Poses
+    from servoloop.manual.poses import Poses, inside
     from servoloop.manual.robot import LiveRobot
 
     with LiveRobot.find(arm, namespace) as robot:
         robot.wait()
-        now = robot.snapshot
+        now, limits = robot.snapshot, robot.limits
     if now.faults:
         faults = "; ".join(now.faults.values())
         raise DriverError(f"the pose was not saved, because the arm has faults and positions may be outdated: {faults}")
     poses = Poses(robot.folder)
-    poses.save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
+    measured = {joint: round(at, 4) for joint, at in zip(now.joints, now.position.tolist(), strict=True)}
+    pose, warnings = inside(measured, limits)
+    poses.save(name, pose)
+    for warning in warnings:
+        print_styled(f"! {warning}", err=True, fg="yellow")
     typer.echo(f"{name}: {counted(len(now.joints), 'joint')} of {robot.arm}")
     typer.echo(f"saved in {poses.path}", err=True)
 

@@ -90,9 +90,7 @@ def check_ready_file(path: Path | None) -> None:
     if not path.exists():
         return
     if not _is_ready_file(path):
-        raise DriverError(
-            f"--ready-file {path} exists and is not a ready file: choose another path, or delete the file"
-        )
+        raise DriverError(f"--ready-file {path} exists and is not a ready file: choose another path, or delete it")
     try:
         path.unlink()
     except OSError as error:

@@ -68,7 +68,7 @@ class Poses:
             raise PoseError(
                 f"{name[:LONGEST_NAME]!r} is not a valid pose name; use 1 to {LONGEST_NAME} printable characters"
             )
-        self._write(self.all() | {name: {joint: round(at, 4) for joint, at in pose.items()}})
+        self._write(self.all() | {name: dict(pose)})
 
     def remove(self, name: str) -> None:
         """Remove a pose."""
@@ -91,6 +91,18 @@ def check(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> None:
             problems.append(f"{joint}: {at:.4f} is outside its limits {limit.lower:.4f} to {limit.upper:.4f}")
     if problems:
         raise PoseError("; ".join(problems))
+
+
+def inside(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> tuple[dict[str, float], list[str]]:
+    """Return a measured pose, clipped to the joint limits, and a warning for each joint that was beyond its limits."""
+    clipped: dict[str, float] = {}
+    warnings: list[str] = []
+    for joint, at in pose.items():
+        limit = limits.get(joint)
+        clipped[joint] = at if limit is None else min(max(at, limit.lower), limit.upper)
+        if clipped[joint] != at:
+            warnings.append(f"{joint} was measured at {at:.4f} and is saved at its limit {clipped[joint]:.4f}")
+    return clipped, warnings
 
 
 Pose = Mapping[str, float]
