@@ -31,7 +31,7 @@ from servoloop.commands.shared.options import (
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import ArmOption, RunningNamespace
 from servoloop.stack.shipped_files import OWN
-from servoloop.stack.terminal import log_to_terminal, print_styled
+from servoloop.stack.terminal import log_to_terminal
 
 if TYPE_CHECKING:
     from servoloop.api.arm import Arm
@@ -146,14 +146,16 @@ def record(
         confirm(f"The motion {name} already exists. Replace it?", yes)
     _print_and_confirm(release_question([servo_name(joint) for joint in joints.values()]) if limp else SOFT, yes)
 
+    teacher = Teacher(text_console(highlight=False))
+
     def keep(motion: "RecordedMotion", warnings: Sequence[str]) -> None:
         motions.save(name, motion, joints)
         for warning in warnings:
-            print_styled(f"! {warning}", fg="yellow")
-        typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
+            teacher.say(f"! {warning}", "yellow")
+        teacher.say(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
     with selected.opened() as arm:
-        run(arm, limp, poses, Teacher(text_console()), keep)
+        run(arm, limp, poses, teacher, keep)
 
 
 def arm_folder(selected: SelectedArm) -> Path:

@@ -25,6 +25,10 @@ class LiveTable:
         if self._live is not None:
             self._live.stop()
 
+    def say(self, text: str, style: str = "") -> None:
+        """Print a line above the table. Text that is printed in another way would be overwritten by the table."""
+        self._console.print(Text(text, style), soft_wrap=True)
+
     def draw(self, text: str, table: Callable[[], RenderableType]) -> None:
         """Print ``text`` if it has changed, and update the table."""
         if text != self._message:

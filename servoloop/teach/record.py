@@ -9,6 +9,7 @@ import numpy as np
 
 from controller.teach.hand_path import inside, path_of
 from controller.trajectory.goal import LONGEST_GOAL_S
+from drivers.printable import counted
 from hal.types import FloatArray
 from servoloop.api.arm import Arm
 from servoloop.api.arm_errors import ArmError
@@ -111,6 +112,13 @@ class TeachRecording:
             how = "soft: release it" if self._soft else "limp: lay it down"
             raise TeachError(f"torque could not be enabled on all servos, and the arm is {how}. {error}") from error
         self.phase, self._held_s = RecordPhase.HELD, self._arm.state.time_s
+
+    @property
+    def status(self) -> str:
+        """Text for the person: the phase or, while poses are recorded, their number and the keys."""
+        if self._poses is None or self.phase is not RecordPhase.BY_HAND:
+            return self.phase
+        return f"recording {counted(len(self._poses), 'pose')}: press p or Enter at each pose, and q at the end"
 
     def update(self) -> bool:
         """Update the state. Return False once the arm has held its position for ``HANDS_S``.

@@ -52,14 +52,14 @@ def record(arm: Arm, limp: bool, poses: bool, person: TeachOperator, keep: Keep)
     recording = TeachRecording(arm, not limp, poses, keep)
     with Signals() as signals, person:
         try:
-            person.show(recording.phase, arm)
+            person.show(recording.status, arm)
             recording.begin()
             while recording.update() and signals.count < 2:
                 for key in person.pressed():
                     recording.press(key)
                 if signals.count:
                     recording.stop()
-                person.show(recording.phase, arm)
+                person.show(recording.status, arm)
                 arm.sleep(POLL_S)
         finally:
             recording.stop()  # The motion is saved even after an error.

@@ -54,6 +54,16 @@ def test_log_lines_are_printed_above_the_live_table(monkeypatch: pytest.MonkeyPa
     assert "INFO servoloop: parking" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
+def test_a_result_printed_during_the_table_stays_above_the_table() -> None:
+    """A line that is printed in another way is overwritten when the table is erased."""
+    console = Console(file=StringIO(), force_terminal=True, width=40)
+    with LiveTable(console) as live:
+        live.draw("moves", lambda: Table("joint"))
+        live.say("wave: a path, saved in a file with a long name [1]")
+    _, _, after = console.file.getvalue().partition("[1]")  # type: ignore[attr-defined]
+    assert "joint" in after, "the table is drawn again below the line"
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("tmux") is None, reason="needs tmux")
 def test_no_remains_of_the_table_are_left_in_tmux(tmp_path: Path) -> None:

@@ -186,8 +186,9 @@ def test_servo_that_may_hold_torque_is_reported_before_the_recording() -> None:
 
 def test_marked_poses_are_recorded_and_played_in_order() -> None:
     lesson = Lesson(soft=True, poses=True).begin()
-    for key in ("p", "\n"):
+    for count, key in (("0 poses", "p"), ("1 pose", "\n")):
         lesson.show(1.5)
+        assert lesson.recording.status == f"recording {count}: press p or Enter at each pose, and q at the end"
         lesson.recording.press(key)
     marked = lesson.rig.measured()[-1]
     lesson.recording.press("q")
