@@ -165,10 +165,11 @@ def read_arm_servos(
 ) -> ServoFiles:
     """Read and check the files of an arm, except for its controllers file.
 
-    If ``urdf`` is given without ``robot``, the URDF specifies the robot file. If ``urdf`` is not the arm's own URDF,
+    If ``urdf`` is given without ``robot``, the URDF specifies the robot file, which is next to ``urdf`` or in the arm's
+    folder. If ``urdf`` is not the arm's own URDF,
     poses are read from the folder of ``urdf``. Raises the same errors as read_servo_files.
     """
     own = None if urdf else arm.robot
-    servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene, xacro_arguments)
+    servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene, xacro_arguments, (arm.folder, arm.urdf.parent))
     poses = arm.folder if urdf is None or resolved(urdf) == arm.urdf else resolved(urdf).parent
     return replace(servos, arm=arm.name, arm_folder=arm.folder, folder=poses)

@@ -1,7 +1,7 @@
 """Read the files of a robot: URDF, robot files and controllers file."""
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
@@ -144,12 +144,21 @@ def read_servo_files(
     robot: Path | None = None,
     scene: Path = SCENE,
     xacro_arguments: Mapping[str, str] = NO_ARGUMENTS,
+    folders: Sequence[Path] = (),
 ) -> ServoFiles:
-    """Read and check the files of an arm without its controllers file. Raises DescriptionError or RobotFileError."""
+    """Read and check the files of an arm without its controllers file. Raises DescriptionError or RobotFileError.
+
+    Args:
+        urdf: Path of the URDF.
+        robot: Path of the robot file; None for the file in the URDF's ``robot`` parameter.
+        scene: Path of the scene.
+        xacro_arguments: Arguments of the URDF, keyed by name.
+        folders: Folders with the robot files that the URDF names, searched after the folder of the URDF.
+    """
     description = read_description(urdf, xacro_arguments)
     for warning in description.warnings:
         LOG.warning("%s", warning)
-    paths = _robot_paths(description, urdf, robot)
+    paths = _robot_paths(description, urdf, robot, folders)
     parts = [(c, _robot(paths[c.name], description, c)) for c in description.components if c.name in paths]
     whole = together(parts)
     return ServoFiles(
@@ -177,12 +186,12 @@ def read_description(urdf: Path, xacro_arguments: Mapping[str, str] = NO_ARGUMEN
         raise DescriptionError(str(error) if named else f"{urdf}: {error}") from error
 
 
-def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> dict[str, Path]:
+def _robot_paths(description: Description, urdf: Path, robot: Path | None, folders: Sequence[Path]) -> dict[str, Path]:
     """Return the path of each component's robot file, if it needs one: ``robot``, or its ``robot`` parameter if
     ``robot`` is None."""
     needy = [c for c in description.components if "robot" in c.parameters or c.plugin in OWN_SERVOS]
     if robot is None:
-        return {c.name: _found(c.parameters.get("robot", ROBOT), urdf) for c in needy}
+        return {c.name: _found(c.parameters.get("robot", ROBOT), urdf, folders) for c in needy}
     users = needy or list(description.components)
     if len(users) > 1:
         names = ", ".join(component.name for component in users)
@@ -193,10 +202,19 @@ def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> di
     return {users[0].name: robot}
 
 
-def _found(name: str, urdf: Path) -> Path:
-    """Return the path of a robot file. The folder of the URDF is searched first, then the ``config`` folder."""
-    beside = urdf.parent / name
-    return beside if exists(beside, RobotFileError) else CONFIG / name
+def _found(name: str, urdf: Path, folders: Sequence[Path]) -> Path:
+    """Return the path of a robot file, from the folder of the URDF, from ``folders`` or from the ``config`` folder.
+
+    Raises RobotFileError if none of them contains the file.
+    """
+    places = list(dict.fromkeys((urdf.parent, *folders, CONFIG)))
+    for place in places:
+        if exists(place / name, RobotFileError):
+            return place / name
+    raise RobotFileError(
+        f'{urdf}: <param name="robot"> is {name}, which is in none of the folders {", ".join(map(str, places))}: correct '
+        "the name, or pass the file with --robot"
+    )
 
 
 def _robot(path: Path, description: Description, component: HardwareInfo) -> Robot:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hal.hal_errors import ArmFileError
+from hal.hal_errors import ArmFileError, RobotFileError
 from servoloop import cli
 from servoloop.stack.arm_folders import arms, find_arm, read_arm_files
 from servoloop.stack.robot_files import read_files
@@ -47,6 +47,19 @@ def test_single_files_override_the_files_of_the_arm(tmp_path: Path) -> None:
     twelve_volts = find_arm("so101_12v").robot
     assert read_arm_files(so101, robot=twelve_volts).robot_path == twelve_volts
     assert read_arm_files(so101, URDF, CONFIG / "arm_controllers.yaml").robot_path == CONFIG / "robot_arm.yaml"
+
+
+@pytest.mark.parametrize("arm", ["so101", "so101_12v", "robot_arm_dynamixel", "bimanual_so101"])
+def test_a_copy_of_the_urdf_in_another_folder_uses_the_robot_file_of_the_arm(tmp_path: Path, arm: str) -> None:
+    urdf = Path(shutil.copy(find_arm(arm).urdf, tmp_path / "copy.urdf"))
+    assert read_arm_files(find_arm(arm), urdf).robot_path.resolve() == find_arm(arm).robot
+
+
+def test_a_robot_file_that_is_in_no_folder_is_reported_with_its_parameter(tmp_path: Path) -> None:
+    urdf = tmp_path / "copy.urdf"
+    urdf.write_text(find_arm("so101").urdf.read_text().replace(">robot.yaml<", ">rebot.yaml<"))
+    with pytest.raises(RobotFileError, match=r'copy.urdf: <param name="robot"> is rebot.yaml, which is in none of'):
+        read_arm_files(find_arm("so101"), urdf)
 
 
 def test_any_folder_can_be_an_arm(tmp_path: Path) -> None:
