@@ -21,7 +21,14 @@ from drivers.eeprom import Change
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
-from servoloop.commands.shared.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
+from servoloop.commands.shared.line_options import (
+    PortOption,
+    adapter_serial,
+    bus_of,
+    device_of,
+    interruptible,
+    open_line,
+)
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.arm_options import RobotOption
@@ -50,15 +57,17 @@ class PassportPlace:
 
     def path(self) -> Path:
         """Return the path of the passport, by default named after the adapter's serial number."""
-        from commissioning.ports.adapters import only_port
-
         if self.file is not None:
             return self.file
-        device = self.port or only_port()
+        device = self.device()
         serial = adapter_serial(device)
         if serial is None:
             raise PassportError(f"{device} has no serial number, so its passport has no default name; pass a file name")
         return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
+
+    def device(self) -> str:
+        """Return the path of the serial device. Raises CommissioningError."""
+        return device_of(self.port, self.bus)
 
     def robot_file(self) -> RobotFile | None:
         """Return the robot file of the servos, or None if the command line does not specify a robot file."""
@@ -94,7 +103,7 @@ def save(
     joints = robot_file.joints_on(bus_of(robot_file, place.bus)) if robot_file else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
-    with open_line(place.port, place.baud(baud), models) as line:
+    with open_line(place.device(), place.baud(baud), models) as line:
         taken = take_passport(line, models or None, names, adapter_serial(line.name))
     write_passport(path, taken)
     if json:
@@ -162,7 +171,7 @@ def restore_(
 
 def _line_of(passport: Passport, place: PassportPlace) -> AbstractContextManager[Bus]:
     models = {servo_id: servo.servo_model for servo_id, servo in passport.servos.items()}
-    return open_line(place.port, place.baud(passport.baud), models)
+    return open_line(place.device(), place.baud(passport.baud), models)
 
 
 def _warn_of_other_adapter(passport: Passport, adapter: str | None) -> None:

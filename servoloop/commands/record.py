@@ -127,9 +127,9 @@ def replay(
     `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
-    if running and selected.port is not None:
+    if running and selected.port:
         raise DriverError("--running moves the arm of `servoloop up`, which already uses the port: omit --port")
-    if not running and selected.port is None:
+    if not running and not selected.port:
         _require_no_motion_options(selected, options)
         view(recording=recording, arm=None, namespace=None, bus=None, port=8080, host="127.0.0.1", browser=True)
         return

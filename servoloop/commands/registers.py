@@ -8,7 +8,7 @@ import typer
 
 from commissioning.commissioning_errors import CommissioningError
 from servoloop.commands.shared.console import JsonOption, confirm, print_json, text_console
-from servoloop.commands.shared.line_options import interruptible
+from servoloop.commands.shared.line_options import device_of, interruptible
 from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
@@ -113,7 +113,6 @@ ModelOption = Annotated[
 def write_status_level(port: str | None, servo_id: int, baud: int | None, model: str, words: list[str]) -> None:
     """Make a servo respond to reads again. Raises CommissioningError if the register to write is not the status
     level."""
-    from commissioning.ports.adapters import only_port
     from commissioning.registers.mute import answer_reads
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
@@ -128,7 +127,7 @@ def write_status_level(port: str | None, servo_id: int, baud: int | None, model:
             "servo that responds to reads"
         )
     clock = MonotonicClock()
-    line = SerialPort(port or only_port(), baud or 1_000_000, clock)
+    line = SerialPort(device_of(port), baud or 1_000_000, clock)
     try:
         with interruptible():
             level = answer_reads(line, clock, servo_id, MODELS[model], (baud,) if baud else ())

@@ -10,7 +10,7 @@ import typer
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
 from servoloop.commands.shared.console import JsonOption, print_json, text_console
-from servoloop.commands.shared.line_options import interruptible
+from servoloop.commands.shared.line_options import device_of, interruptible
 from servoloop.stack.tables import print_table
 
 if TYPE_CHECKING:
@@ -57,7 +57,6 @@ def scan(
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
 
-    from commissioning.ports.adapters import only_port
     from commissioning.scan.scan import ScanScope
     from commissioning.scan.scan import scan as search
     from drivers.clock import MonotonicClock
@@ -66,7 +65,7 @@ def scan(
 
     scope = ScanScope(baud or (), parse_ids(ids) if ids is not None else (), [one.make for one in make or ()])
     models = _models(arm) if arm else None
-    clock, device = MonotonicClock(), port or only_port()
+    clock, device = MonotonicClock(), device_of(port)
     line = SerialPort(device, (baud or [1_000_000])[0], clock)
     try:
         with interruptible(), _bar(text_console(stderr=True), quiet=json) as progress:

@@ -7,7 +7,7 @@ import typer
 
 from drivers.driver_errors import DriverError
 from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, text_console
-from servoloop.commands.shared.line_options import PortOption, bus_of, open_line
+from servoloop.commands.shared.line_options import PortOption, bus_of, device_of, open_line
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
@@ -48,7 +48,7 @@ def setup(
     places = places_of(file, name)
     models = {place.servo_id: place.model for place in places}
     left = "a servo that was turned may still have torque enabled" if turn else ""
-    with Signals(left) as signals, open_line(port, file.lines()[name].baud, models) as line:
+    with Signals(left) as signals, open_line(device_of(port, bus), file.lines()[name].baud, models) as line:
         plugger = Plugger(signals)
         made = SetUp(line, MonotonicClock(), places, plugger, turn=turn, stopped=lambda: signals.count > 0)
         rows = _run(made)

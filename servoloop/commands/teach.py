@@ -50,8 +50,8 @@ class SelectedArm:
     """Options that select the arm for a motion: an arm at a port or a running arm."""
 
     port: Annotated[
-        str | None,
-        typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses."),
+        list[str] | None,
+        typer.Option(help="Serial port of the arm; NAME=PATH for each of several buses."),
     ] = None
     arm: Annotated[
         str | None,
@@ -70,9 +70,9 @@ class SelectedArm:
 
     def __post_init__(self) -> None:
         """Raise DriverError if an option does not apply."""
-        if self.port is None and self.rate_hz is not None:
+        if not self.port and self.rate_hz is not None:
             raise DriverError("--rate applies only with --port: a running arm keeps its rate")
-        if self.port is not None and self.namespace is not None:
+        if self.port and self.namespace is not None:
             raise DriverError("--namespace selects a running arm: omit --namespace with --port")
 
     @contextmanager
@@ -83,19 +83,17 @@ class SelectedArm:
         """
         from servoloop.api.arm import Arm
 
-        if self.port is None:
+        if not self.port:
             with Arm.connect(self.arm, namespace=self.namespace) as arm:
                 yield arm
             return
         log_to_terminal()
-        with Arm(
-            resolved(find_arm(self.arm or OWN).folder), self.port.split(","), rate_hz=self.rate_hz or RATE_HZ
-        ) as arm:
+        with Arm(resolved(find_arm(self.arm or OWN).folder), self.port, rate_hz=self.rate_hz or RATE_HZ) as arm:
             yield arm
 
     def motion(self, of: "MotionOf") -> "RecordedMotion | None":
         """Return the checked motion of an arm at a port, before the port is opened, or None for a running arm."""
-        if self.port is None:
+        if not self.port:
             return None
         files = side_of(self.arm or OWN, self.port).files
         joints = {joint.name: joint for joint in files.robot.joints}
@@ -163,7 +161,7 @@ def arm_folder(selected: SelectedArm) -> Path:
     from servoloop.api.arm import Arm
     from servoloop.teach.motion_files import TeachError
 
-    if selected.port is not None:
+    if selected.port:
         side_of(selected.arm or OWN, selected.port)
         return find_arm(selected.arm or OWN).folder
     with Arm.connect(selected.arm, namespace=selected.namespace) as arm:
@@ -224,7 +222,7 @@ def play_motion(selected: SelectedArm, motion_of: MotionOf, options: PlayOptions
         else:
             arm.sleep(READY_S)
         run(arm, motion, options.speed, permission, ArmScreen(text_console(stderr=True)))
-        if selected.port is None:
+        if not selected.port:
             typer.echo(f"{arm.name} holds its position: done")
 
 
@@ -318,7 +316,7 @@ def teleop(
     require_keys(hands_free)
     log_to_terminal()
     leader, follower = port_pairs(ports, bus_names(leader_arm), bus_names(follower_arm))
-    sides = side_of(leader_arm, leader), side_of(follower_arm, follower)
+    sides = side_of(leader_arm, [leader]), side_of(follower_arm, [follower])
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port; pass a different port for each")
     keys = partial(permission_of, hands_free, (REACTIVATE,))

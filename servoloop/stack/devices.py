@@ -1,5 +1,6 @@
 """Select the device paths of the buses from the command line or from an emulator."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,17 +15,23 @@ def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] |
     """Return the device of each bus from the ``--port`` options, or None for virtual servos.
 
     Args:
-        values: Values of ``--port``: ``PATH`` for a robot with one bus, otherwise ``NAME=PATH`` for each bus.
+        values: Values of ``--port``: ``PATH`` for a robot with one bus, otherwise ``NAME=PATH`` for each bus, in one
+            value with commas or in several.
         buses: Names of the buses in the robot file.
 
     Raises:
         DriverError: The options do not match the buses.
     """
     names = list(buses)
+    values = [part for value in values for part in re.split(r",(?=[^/=,]+=)", value)]
     if list(values) in ([], [VIRTUAL]):
         return None
     if len(names) == 1 and len(values) == 1:
         path = values[0].removeprefix(f"{names[0]}=") if names[0] else values[0]
+        other, named, device = path.partition("=")
+        if named and "/" not in other and other:
+            known = f"is named {names[0]}" if names[0] else "has no name"
+            raise DriverError(f"--port {path} names the bus {other}, but the only bus {known}: use --port {device}")
         if not Path(path).name:
             raise DriverError(f"--port needs the path of a device, such as /dev/ttyACM0, not {path!r}")
         return {names[0]: path}

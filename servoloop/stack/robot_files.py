@@ -212,8 +212,8 @@ def _found(name: str, urdf: Path, folders: Sequence[Path]) -> Path:
         if exists(place / name, RobotFileError):
             return place / name
     raise RobotFileError(
-        f'{urdf}: <param name="robot"> is {name}, which is in none of the folders {", ".join(map(str, places))}: correct '
-        "the name, or pass the file with --robot"
+        f'{urdf}: <param name="robot"> is {name}, which is in none of the folders {", ".join(map(str, places))}: '
+        "correct the name, or pass the file with --robot"
     )
 
 

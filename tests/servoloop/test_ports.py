@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from drivers.driver_errors import DriverError
+from servoloop.commands.shared.line_options import device_of
 from servoloop.stack.devices import device_paths, parse_ports, port_options, world_feed
 from sim_backend.scene.world_feed import WorldFeed, feed_path
+from tests.complaint import complaint
 
 TWO = ("arm", "hand")
 
@@ -48,6 +50,36 @@ def test_missing_unknown_and_repeated_buses_are_reported(values: list[str], says
 def test_a_port_without_a_device_is_refused(value: str, bus: str) -> None:
     with pytest.raises(DriverError, match="--port needs the path of a device"):
         parse_ports([value], [bus])
+
+
+def test_several_buses_in_one_value_are_separated_by_commas() -> None:
+    assert parse_ports(["hand=/dev/b,arm=/dev/a"], TWO) == {"arm": "/dev/a", "hand": "/dev/b"}
+    assert parse_ports(["hand=/dev/b,c", "arm=/dev/a"], TWO) == {"arm": "/dev/a", "hand": "/dev/b,c"}
+
+
+@pytest.mark.parametrize(("bus", "known"), [("", "has no name"), ("arm", "is named arm")])
+def test_the_name_of_another_bus_is_refused_if_the_robot_has_one_bus(bus: str, known: str) -> None:
+    with pytest.raises(DriverError, match=rf"names the bus foo, but the only bus {known}: use --port \./bus"):
+        parse_ports(["foo=./bus"], [bus])
+
+
+@pytest.mark.parametrize("bus", [None, "left"])
+def test_a_command_for_one_bus_accepts_the_port_with_the_name_of_the_bus(bus: str | None) -> None:
+    assert device_of("left=./bus.left", bus) == device_of("./bus.left", bus) == "./bus.left"
+    assert device_of("/dev/a=b", bus) == "/dev/a=b"
+
+
+def test_a_port_of_another_bus_is_refused() -> None:
+    with pytest.raises(DriverError, match="is the port of the bus right, but --bus is left"):
+        device_of("right=./bus.right", "left")
+
+
+@pytest.mark.parametrize("form", [["--port", "left=L,right=R"], ["--port", "left=L", "--port", "right=R"]])
+def test_teach_play_accepts_the_ports_of_several_buses_in_both_forms(
+    form: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = complaint(capsys, monkeypatch, "teach", "play", "x", "--arm", "bimanual_so101", "--hands-free", *form)
+    assert "there is no motion x" in said
 
 
 def test_two_ports_for_one_bus_are_refused() -> None:

@@ -68,16 +68,33 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+def device_of(port: str | None, bus: str | None = None) -> str:
+    """Return the path of the only selected port, given as PATH or NAME=PATH, or of the only USB adapter.
+
+    Raises CommissioningError if there is not exactly one adapter, or if NAME is not the selected bus.
+    """
+    from commissioning.commissioning_errors import CommissioningError
+    from commissioning.ports.adapters import only_port
+
+    if port is None:
+        return only_port()
+    name, _, path = port.partition("=")
+    if not path or "/" in name:
+        return port
+    if bus not in (None, name):
+        raise CommissioningError(f"--port {port} is the port of the bus {name}, but --bus is {bus}: use the same bus")
+    return path
+
+
 @contextmanager
 def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
     """Open the port and find a servo while the block runs. Signals can interrupt the block."""
-    from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
 
     clock = MonotonicClock()
-    line = SerialPort(port or only_port(), baud or 1_000_000, clock)
+    line = SerialPort(device_of(port), baud or 1_000_000, clock)
     try:
         with interruptible(), find_servo(line, clock, servo_id, (baud,) if baud else ()) as servo:
             yield servo
@@ -86,15 +103,14 @@ def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["Fou
 
 
 @contextmanager
-def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -> "Iterator[Bus]":
-    """Open a bus on a port, by default on the only USB adapter. Raises DriverError."""
-    from commissioning.ports.adapters import only_port
+def open_line(device: str, baud: int, models: "Mapping[int, ServoModel]") -> "Iterator[Bus]":
+    """Open a bus on a serial device. Raises DriverError."""
     from drivers.bus.bus import Bus
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
 
     clock = MonotonicClock()
-    with closing(Bus(SerialPort(port or only_port(), baud, clock), clock, models)) as bus:
+    with closing(Bus(SerialPort(device, baud, clock), clock, models)) as bus:
         yield bus
 
 

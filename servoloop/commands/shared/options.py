@@ -69,12 +69,12 @@ SpeedOption = Annotated[
 ]
 
 
-def side_of(arm: str, port: str) -> "Side":
+def side_of(arm: str, ports: list[str]) -> "Side":
     """Return the files and devices of an arm. Raises HalError or DriverError."""
     from servoloop.teleop.arms import Side
 
     files = read_arm_files(find_arm(arm))
-    return Side(files, named_devices(port.split(","), files.robot.file.lines(), arm))
+    return Side(files, named_devices(ports, files.robot.file.lines(), arm))
 
 
 def require_keys(hands_free: bool) -> None:
