@@ -10,8 +10,8 @@ import typer
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.shared.console import text_console
-from servoloop.stack.arm_options import ArmOption, RunningArm, RunningNamespace
-from servoloop.stack.shipped_files import OWN
+from servoloop.commands.shared.options import saved_folder
+from servoloop.stack.arm_options import RunningArm, RunningNamespace, SavedArm
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
@@ -237,29 +237,33 @@ def go(name: Name, arm: RunningArm = None, namespace: RunningNamespace = None) -
 
 
 @app.command("list")
-def list_(arm: ArmOption = OWN) -> None:
+def list_(arm: SavedArm = None, namespace: RunningNamespace = None) -> None:
     """List the saved poses of an arm, with joint positions in rad or m.
 
     Example: `servoloop pose list --arm so101`
     """
-    for name, pose in _poses(arm).all().items():
+    poses = _poses(arm, namespace)
+    found = poses.all()
+    if not found:
+        typer.echo(f"no poses are saved in {poses.path}")
+    for name, pose in found.items():
         typer.echo(f"{name}: " + ", ".join(f"{joint} {at:+.4f}" for joint, at in pose.items()))
 
 
 @app.command()
-def remove(name: Name, arm: ArmOption = OWN) -> None:
+def remove(name: Name, arm: SavedArm = None, namespace: RunningNamespace = None) -> None:
     """Remove a saved pose.
 
     Example: `servoloop pose remove over_the_box`
     """
-    _poses(arm).remove(name)
+    _poses(arm, namespace).remove(name)
     typer.echo(f"{name} was removed")
 
 
-def _poses(arm: str) -> "Poses":
+def _poses(arm: str | None, namespace: str | None) -> "Poses":
     """Return the poses of an arm, or of any folder that contains a pose file, such as a URDF's folder."""
     from servoloop.manual.poses import FILE, Poses
-    from servoloop.stack.arm_folders import find_arm
 
-    folder = Path(arm)
-    return Poses(folder if "/" in arm and (folder / FILE).is_file() else find_arm(arm).folder)
+    if arm is not None and "/" in arm and (Path(arm) / FILE).is_file():
+        return Poses(Path(arm))
+    return Poses(saved_folder(arm, namespace))

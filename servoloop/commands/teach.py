@@ -26,10 +26,11 @@ from servoloop.commands.shared.options import (
     UnattendedOption,
     permission_of,
     require_keys,
+    saved_folder,
     side_of,
 )
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.arm_options import ArmOption, RunningNamespace
+from servoloop.stack.arm_options import RunningNamespace, SavedArm
 from servoloop.stack.shipped_files import OWN
 from servoloop.stack.terminal import log_to_terminal
 
@@ -227,17 +228,20 @@ def play_motion(selected: SelectedArm, motion_of: MotionOf, options: PlayOptions
 
 
 @app.command("list")
-def list_(arm: ArmOption = OWN, json: JsonOption = False) -> None:
+def list_(arm: SavedArm = None, namespace: RunningNamespace = None, json: JsonOption = False) -> None:
     """List the recorded motions of an arm.
 
     Example: `servoloop teach list --arm so101`
     """
     from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError
 
-    found = MotionStore(find_arm(arm).folder).all()
+    folder = saved_folder(arm, namespace)
+    found = MotionStore(folder).all()
     motions = {name: one for name, one in found.items() if isinstance(one, RecordedMotion)}
     if json:
         print_json({name: _plain(motion) for name, motion in motions.items()})
+    elif not found:
+        typer.echo(f"no motions are saved in {folder}")
     else:
         for name, motion in motions.items():
             typer.echo(f"{name}: {summary(motion)}")
@@ -246,14 +250,14 @@ def list_(arm: ArmOption = OWN, json: JsonOption = False) -> None:
 
 
 @app.command()
-def remove(name: Name, arm: ArmOption = OWN) -> None:
+def remove(name: Name, arm: SavedArm = None, namespace: RunningNamespace = None) -> None:
     """Remove a recorded motion.
 
     Example: `servoloop teach remove wave --arm so101`
     """
     from servoloop.teach.motion_files import MotionStore
 
-    MotionStore(find_arm(arm).folder).remove(name)
+    MotionStore(saved_folder(arm, namespace)).remove(name)
     typer.echo(f"{name} was removed")
 
 

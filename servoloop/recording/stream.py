@@ -6,7 +6,7 @@ import re
 import socket
 import struct
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Final, NamedTuple, Self
 
@@ -137,7 +137,7 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
         LiveError: No stack matches, or several stacks match.
     """
     running = running_stacks()
-    found = [stack for stack in running if _is_of(stack, arm, namespace)]
+    found = matching(running, arm, namespace)
     if len(found) == 1:
         return found[0]
     if not running:
@@ -152,6 +152,11 @@ def find_stack(arm: str | None = None, namespace: str | None = None) -> RunningS
         f"several stacks are running: {names}. Choose one with --arm (name, folder or process ID) or "
         "--namespace, or stop the other stacks"
     )
+
+
+def matching(stacks: Sequence[RunningStack], arm: str | None, namespace: str | None) -> list[RunningStack]:
+    """Return the stacks that match an arm and a namespace, given as for ``find_stack``."""
+    return [stack for stack in stacks if _is_of(stack, arm, namespace)]
 
 
 def _is_of(stack: RunningStack, arm: str | None, namespace: str | None) -> bool:

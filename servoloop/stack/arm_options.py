@@ -60,6 +60,12 @@ NamespaceOption = Annotated[
 RunningArm = Annotated[
     str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
 ]
+SavedArm = Annotated[
+    str | None,
+    typer.Option(
+        "--arm", help=f"Name, folder or process ID of the arm (default: the running arm, or {OWN} if none is running)."
+    ),
+]
 RunningNamespace = Annotated[
     str | None,
     typer.Option(

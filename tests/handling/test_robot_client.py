@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from hal.types import JointLimits
+from servoloop.cli import app
 from servoloop.command_socket.command_errors import CommandError
 from servoloop.manual.joints_now import HandlingError
 from servoloop.manual.poses import Poses
@@ -150,6 +152,29 @@ def without_ros(*words: str) -> "subprocess.CompletedProcess[str]":
     """Run a command in a process that finds no rclpy."""
     command = [sys.executable, "-m", "tests.servoloop.without", "ros", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=60.0, cwd=Path(__file__).parents[2])
+
+
+def printed(*words: str) -> str:
+    """Run a command that succeeds, and return its output."""
+    ran = CliRunner().invoke(app, words)
+    assert ran.exit_code == 0, ran.output
+    return ran.stdout
+
+
+def test_saved_poses_and_motions_are_those_of_the_running_arm(rig: SocketRig) -> None:
+    folder = rig.stack.files.folder
+    assert folder is not None
+    assert printed("pose", "list") == f"no poses are saved in {folder}/poses.yaml\n"
+    assert printed("teach", "list") == f"no motions are saved in {folder}\n"
+    printed("pose", "save", "here")
+    assert (
+        printed("pose", "list")
+        == printed("pose", "list", "--arm", "mine")
+        == printed("pose", "list", "--arm", str(folder))
+    )
+    assert printed("pose", "list").startswith("here: joint1 ")
+    assert printed("pose", "remove", "here") == "here was removed\n" and not Poses(folder).all()
+    assert "shoulder_pan" not in printed("pose", "list", "--arm", "so101"), "an arm whose stack does not run"
 
 
 @pytest.mark.runs("servoloop stop")

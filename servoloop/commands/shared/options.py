@@ -17,6 +17,7 @@ from hal.robot_file.robot_file import RobotFile
 from servoloop.commands.shared.line_options import named_devices
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import ServoArm
+from servoloop.stack.shipped_files import OWN
 
 if TYPE_CHECKING:
     from servoloop.manual.dead_man import Keys
@@ -75,6 +76,22 @@ def side_of(arm: str, ports: list[str]) -> "Side":
 
     files = read_arm_files(find_arm(arm))
     return Side(files, named_devices(ports, files.robot.file.lines(), arm))
+
+
+def saved_folder(arm: str | None, namespace: str | None) -> Path:
+    """Return the folder with the poses and motions of a running arm, or of an arm whose stack does not run.
+
+    Without ``arm``, the running arm is selected, or the default arm if no stack is running. Raises LiveError,
+    ArmFileError or DriverError.
+    """
+    from servoloop.recording.stream import find_stack, matching, running_stacks
+
+    if namespace is None and not matching(running_stacks(), arm, None):
+        return find_arm(arm or OWN).folder
+    stack = find_stack(arm, namespace)
+    if stack.folder is None:
+        raise DriverError(f"the folder of {stack.name} is unknown because its stack does not report it: pass --arm")
+    return stack.folder
 
 
 def require_keys(hands_free: bool) -> None:
