@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from commissioning.atomic_write import make_folder, write_file
+from drivers.printable import printable_line
 from drivers.servos.catalog import MODELS
 from hal.hal_errors import ArmFileError
 from servoloop.arms.new_files import arm_text, controllers_text, robot_text
@@ -44,7 +45,7 @@ def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
     model = MODELS[servo]
     made = new_description(urdf, folder, name, model)
     files = {
-        ARM_FILE: arm_text(f"{name}, from {urdf.name}", made.joints),
+        ARM_FILE: arm_text(f"{name}, from {printable_line(urdf.name)}", made.joints),
         "arm.urdf": made.xml,
         ROBOT_FILE: robot_text(made, model),
         "controllers.yaml": controllers_text(made),

@@ -50,9 +50,22 @@ def _check(path: Path) -> None:
             f"{path} is missing, and without a scene the arm has no virtual servos. `servoloop arms new NAME "
             "robot.urdf` writes a scene for any URDF. A real arm, selected with --port, needs no scene"
         )
+    if not _is_utf8(path):
+        raise ArmFileError(
+            f"{path}: MuJoCo cannot open this path, because it is not valid UTF-8: rename the file or its folder"
+        )
     elements = (element for root in scene_parts(path) for element in root.iter())
     if mistakes := [mistake for element in elements for mistake in _mistakes(element)]:
         raise ArmFileError("\n".join(mistakes[:50]))
+
+
+def _is_utf8(path: Path) -> bool:
+    """Return whether the path, as MuJoCo receives it, can be encoded as UTF-8."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _mistakes(element: Element) -> Iterator[str]:

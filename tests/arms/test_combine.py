@@ -1,6 +1,7 @@
 """``arms combine`` writes a robot with several arms. The included robot with two arms equals the output of this
 command."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -130,3 +131,8 @@ def test_no_folder_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(ArmFileError, match="already exists: choose another folder"):
         combine(tmp_path, PAIR, parse_bases([], list(PAIR)))
     assert parse_arms(["left=so101", "right=so101"]) == PAIR
+
+
+def test_a_folder_whose_name_is_not_utf8_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArmFileError, match="cannot be the name of an arm: use printable characters"):
+        combine(tmp_path / os.fsdecode(b"two\xfc"), PAIR, parse_bases([], list(PAIR)))

@@ -1,5 +1,6 @@
 """``servoloop arms new`` turns any URDF into an arm that passes the check and moves with virtual servos."""
 
+import os
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -208,3 +209,10 @@ def test_jobs_in_a_scene_without_a_cube_are_refused(tmp_path: Path) -> None:
     require_cell(files, ())
     with pytest.raises(ArmFileError, match=r"scene\.xml: the scene has no joint cube"):
         require_cell(files, ["A"])
+
+
+def test_a_urdf_whose_name_is_not_utf8_becomes_an_arm(tmp_path: Path) -> None:
+    urdf = tmp_path / os.fsdecode(b"r\xfc.urdf")
+    urdf.write_text(TWO_JOINTS)
+    assert RUNNER.invoke(cli.app, ["arms", "new", str(tmp_path / "mine"), str(urdf)]).exit_code == 0
+    assert read_arm(tmp_path / "mine").file.description == "mine, from r\\udcfc.urdf"

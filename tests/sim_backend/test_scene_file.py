@@ -1,6 +1,8 @@
 """Scenes of users: their size, their encoding, and invalid numbers that MuJoCo accepts, with or without a warning."""
 
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -140,3 +142,12 @@ def test_a_scene_of_several_files_is_read(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "other.xml").write_text('<mujoco><worldbody><body name="b"/></worldbody></mujoco>')
     assert scene_model(path).body("b").id == 1
+
+
+@pytest.mark.parametrize("reader", [scene_model, scene_spec])
+def test_a_path_that_is_not_utf8_is_refused(tmp_path: Path, reader: Callable[[Path], object]) -> None:
+    folder = tmp_path / os.fsdecode(b"arm\xfc")
+    folder.mkdir()
+    path = Path(shutil.copy(SCENE, folder))
+    with pytest.raises(ArmFileError, match="MuJoCo cannot open this path, because it is not valid UTF-8: rename"):
+        reader(path)
