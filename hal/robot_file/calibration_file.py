@@ -30,6 +30,10 @@ class CalibratedJoint(BaseModel):
     upper_counts: Counts
     """Highest count of the travel."""
 
+    def crosses_seam(self, last_count: int) -> bool:
+        """Return whether the travel contains the seam, where the reading jumps from ``last_count`` to 0."""
+        return not 0 <= self.lower_counts < self.upper_counts <= last_count
+
 
 class CalibrationFile(BaseModel):
     """Content of the calibration file."""

@@ -116,12 +116,13 @@ def check(
 
     Example: `servoloop arms check ./my_arm`
     """
+    from servoloop.manual.poses import pose_problems
     from servoloop.stack.robot_check import check_arm, missing_parts, scene_unchecked
 
     if sentence := scene_unchecked():
         typer.echo(sentence, err=True)
     place = Path(folder) if Path(folder).is_dir() else find_arm(folder).folder
-    problems = check_arm(place)
+    problems = [*check_arm(place), *pose_problems(place)]
     if as_json:
         typer.echo(json.dumps({"folder": str(place), "problems": problems}, indent=2))
     else:

@@ -1,5 +1,6 @@
 """Named poses of an arm: the YAML file in the arm's folder, and the poses to which a running arm can move."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,13 +11,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from commissioning.atomic_write import write_whole
 from drivers.driver_errors import DriverError
-from hal.hal_errors import ArmFileError
+from hal.hal_errors import ArmFileError, HalError
 from hal.plausible import Position
+from hal.robot_description.description import Description
 from hal.types import JointLimits
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.stack.arm_folders import read_arm
 from servoloop.stack.pick_place import load_pick_places
+from servoloop.stack.robot_files import read_description
 
 FILE: Final = "poses.yaml"
 LONGEST_NAME: Final = 100
@@ -103,6 +106,33 @@ def inside(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> tupl
         if clipped[joint] != at:
             warnings.append(f"{joint} was measured at {at:.4f} and is saved at its limit {clipped[joint]:.4f}")
     return clipped, warnings
+
+
+def pose_problems(folder: Path) -> list[str]:
+    """Return all problems in the pose file of an arm. Poses are not compared with a URDF that cannot be read."""
+    poses = Poses(folder)
+    problems: list[str] = []
+    try:
+        names = list(poses.all())
+        limits = _urdf_limits(read_description(read_arm(folder).urdf))
+    except PoseError as error:
+        return str(error).splitlines()
+    except HalError:
+        return []
+    for name in names:
+        try:
+            poses.check(name, limits)
+        except PoseError as error:
+            problems.append(str(error))
+    return problems
+
+
+def _urdf_limits(description: Description) -> dict[str, JointLimits]:
+    return {
+        name: JointLimits(joint.lower, joint.upper, joint.velocity, math.inf, math.inf)
+        for name, joint in description.joints.items()
+        if joint.kind != "fixed"
+    }
 
 
 Pose = Mapping[str, float]

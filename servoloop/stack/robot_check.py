@@ -9,15 +9,18 @@ from controller.manager.controllers_file import ControllersFile, load_controller
 from controller.manager.parameter_file import read_parameter_file
 from controller.manager_errors import ControllersFileError
 from drivers.paths import resolved
+from drivers.servos.catalog import MODELS
 from hal.hal_errors import ArmFileError, DescriptionError, RobotFileError
 from hal.robot_description.description import Description, HardwareInfo, merged
 from hal.robot_description.description_check import description_problems, servo_problems
 from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl
+from hal.robot_file.calibration_file import calibration_path, load_calibration
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
 from servoloop.extras import missing_extras
 from servoloop.stack.arm_folders import ArmFile, ArmFolder, read_arm
+from servoloop.stack.hardware import choose
 from servoloop.stack.pick_place import PickPlace, load_pick_places
 from servoloop.stack.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.stack.robot_files import read_description
@@ -49,6 +52,8 @@ class _Check:
         robot_file = self._robot_file()
         pick_places = self._pick_places()
         self._report(self._arm.robot, unprotected(robot_file) if robot_file else [])
+        if robot_file:
+            self._report(calibration_path(self._arm.robot), _seam_problems(self._arm.robot, robot_file))
         component = merged(description.components) if description else _component_of(robot_file)
         if component and self._names_known:
             self._report(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
@@ -57,6 +62,7 @@ class _Check:
             self._scene(None, ())
             return self.problems
         self._report(self._arm.urdf, description_problems(description))
+        self._report(self._arm.urdf, _plugin_problems(description))
         self._scene(description.xml, component.joints)
         self._meshes(description)
         robot = self._robot(robot_file, description, component) if robot_file else None
@@ -190,6 +196,30 @@ def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
     strangers = {name: (*part, name) for part, names in named.items() for name in names if name not in component.joints}
     for name, location in sorted(strangers.items()):
         yield f"{file.place(('calibration', *location))}: calibration lists {name}, which has no servo"
+
+
+def _seam_problems(robot: Path, file: RobotFile) -> Iterator[str]:
+    """Yield a problem for each joint whose calibrated travel crosses the seam of its encoder."""
+    calibration = load_calibration(robot)
+    if calibration is None:
+        return
+    source = compose(calibration_path(robot), RobotFileError)
+    for name, found in calibration.joints.items():
+        last = MODELS[file.joints[name].model].last_count
+        if found.crosses_seam(last):
+            yield (
+                f"{source.place(('joints', name))}: the travel of {name}, {found.lower_counts} to "
+                f"{found.upper_counts}, is not within the counts 0 to {last} of its servo: calibrate the joint again"
+            )
+
+
+def _plugin_problems(description: Description) -> Iterator[str]:
+    """Yield a problem for each component whose plugin is neither built in nor installed."""
+    for component in description.components:
+        try:
+            choose(None, component)
+        except DescriptionError as error:
+            yield str(error)
 
 
 def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:

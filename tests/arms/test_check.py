@@ -5,7 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from servoloop.cli import app
 from servoloop.stack.arm_folders import ArmFolder, arms, read_arm
 from servoloop.stack.robot_check import check_arm, missing_parts
 from servoloop.stack.shipped_files import ARMS
@@ -54,6 +56,10 @@ def test_copy_in_another_folder_passes_the_check(tmp_path: Path, files: dict[str
 
 
 FAULTS: dict[str, tuple[Edit, str]] = {
+    "a plugin that is not installed": (
+        ("arm.urdf", "servoloop/ServoHardware", "foo/Bar"),
+        "unknown <plugin> foo/Bar: choose one of servoloop/ServoHardware,",
+    ),
     "a joint without a servo": (
         ("robot.yaml", "  gripper:\n", "  jaw:\n"),
         "robot.yaml: the URDF commands gripper, but the robot file has no servo",
@@ -299,3 +305,27 @@ def test_meshes_that_cannot_be_drawn_are_found(tmp_path: Path) -> None:
     assert len(problems) == 3
     places.write_text("links: 3\n")
     assert len(check_arm(folder)) == 1
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-5, 3000), (3000, 900), (100, 4096)])
+def test_a_calibrated_travel_across_the_seam_is_found(tmp_path: Path, lower: int, upper: int) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "robot.calibration.yaml").write_text(
+        "joints:\n  shoulder_pan: {servo_id: 1, sign: 1, zero_counts: 2047, "
+        f"lower_counts: {lower}, upper_counts: {upper}}}\n"
+    )
+    (problem,) = check_arm(folder)
+    assert problem == (
+        f"{folder}/robot.calibration.yaml:2: the travel of shoulder_pan, {lower} to {upper}, is not within the counts "
+        "0 to 4095 of its servo: calibrate the joint again"
+    )
+
+
+def test_poses_that_the_arm_cannot_reach_are_found(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FILES)
+    (folder / "poses.yaml").write_text("poses:\n  home: {gripper: 0.1}\n  far: {elbow: 0.0, gripper: 7.0}\n")
+    ran = CliRunner().invoke(app, ["arms", "check", str(folder)])
+    assert ran.exit_code == 1
+    assert f"{folder}/poses.yaml:3: pose far: the arm has no joint elbow; gripper: 7.0000 is outside" in ran.output
+    (folder / "poses.yaml").write_text("poses: [home]\n")
+    assert f"{folder}/poses.yaml:1: poses" in CliRunner().invoke(app, ["arms", "check", str(folder)]).output

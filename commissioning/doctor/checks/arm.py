@@ -103,7 +103,7 @@ def _calibrated(
     found = calibration.joints.get(servo.joint.name) if calibration else None
     if found is None:
         return
-    if not 0 <= found.lower_counts < found.upper_counts <= servo.joint.model.last_count:
+    if found.crosses_seam(servo.joint.model.last_count):
         cause = (
             f"In the calibration file, the travel of the joint is {found.lower_counts} to {found.upper_counts} "
             "counts. This range "
