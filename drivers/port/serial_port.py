@@ -180,6 +180,11 @@ class SerialPort:
         return PortLost(f"{self.name} has disappeared{reason}: check the cable and the servos' power, then start again")
 
 
+def require_port(device: str, baud: int) -> None:
+    """Raise PortError if a device cannot be opened. Call this function before the user is asked to hold the arm."""
+    _open(device, baud).close()
+
+
 def _open(device: str, baud: int) -> serial.Serial:
     path, found = Path(device), _look_up(device)
     if not _may_be_serial(found):

@@ -8,7 +8,7 @@ import typer
 
 from commissioning.commissioning_errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
-from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
+from servoloop.commands.shared.line_options import PortsOption, interruptible, require_ports, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
 from servoloop.stack.arm_options import ArmOption
@@ -99,7 +99,9 @@ def arm(
     make_folder(out.parent)
     require_file(out, ".html")
     found = find_arm(arm)
-    with served_devices(port, read_arm_servos(found)) as devices:
+    files = read_arm_servos(found)
+    with served_devices(port, files) as devices:
+        require_ports(devices, files.robot.file)
         confirm(MOVES, yes)
         with Signals(LEFT) as signals:
             measured = bench_arm(

@@ -113,7 +113,7 @@ def _calibrated(
     from commissioning.calibrate.run import calibrate as run
     from drivers.bus.bus import Bus
     from drivers.clock import MonotonicClock
-    from drivers.port.serial_port import SerialPort
+    from drivers.port.serial_port import SerialPort, require_port
     from servoloop.stack.hardware import servo_bus
     from servoloop.stack.processes import Interrupted
 
@@ -128,6 +128,7 @@ def _calibrated(
 
     if others:
         terminal.say(f"Only the joints on the bus {bus} are calibrated. The other joints keep their calibration")
+    require_port(device, baud)
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("canceled; the arm was not moved")
     task = JointsToCalibrate(arm.robot, joints, plan.joints, others)

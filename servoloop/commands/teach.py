@@ -15,6 +15,7 @@ from drivers.paths import resolved
 from drivers.printable import counted
 from hal.types import JointLimits
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
+from servoloop.commands.shared.line_options import require_ports
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.commands.shared.options import (
     FASTEST_HZ,
@@ -141,6 +142,9 @@ def record(
     joints = {joint.name: joint for joint in read_arm_files(find_arm(str(folder))).robot.joints}
     motions = MotionStore(folder)
     motions.require_writable()
+    if selected.port:
+        side = side_of(selected.arm or OWN, selected.port)
+        require_ports(side.devices, side.files.robot.file)
     if motions.path(name).exists():
         confirm(f"The motion {name} already exists. Replace it?", yes)
     _print_and_confirm(release_question([servo_name(joint) for joint in joints.values()]) if limp else SOFT, yes)
@@ -222,9 +226,12 @@ def play_motion(selected: SelectedArm, motion_of: MotionOf, options: PlayOptions
             motion = motion_of(arm.folder, arm.joints, [arm.limits[joint] for joint in arm.joints])
         else:
             arm.sleep(READY_S)
-        run(arm, motion, options.speed, permission, ArmScreen(text_console(stderr=True)))
+        complete = run(arm, motion, options.speed, permission, ArmScreen(text_console(stderr=True)))
+        result = "done" if complete else "the motion was ended with q before it was complete"
         if not selected.port:
-            typer.echo(f"{arm.name} holds its position: done")
+            typer.echo(f"{arm.name} holds its position: {result}")
+        elif not complete:
+            typer.echo(result)
 
 
 @app.command("list")

@@ -9,7 +9,7 @@ import typer
 from commissioning.atomic_write import write_file
 from drivers.driver_errors import DriverError
 from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, text_console
-from servoloop.commands.shared.line_options import PortsOption, served_devices
+from servoloop.commands.shared.line_options import PortsOption, require_ports, served_devices
 from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import missing_extras
 from servoloop.stack.arm_options import ServoArm
@@ -95,6 +95,7 @@ def tune(
     with served_devices(port, files) as devices:
         tuner, ending = _tuner(files, request.joint, devices, signals)
         gains = request.gains(tuner.joint.model)
+        require_ports(devices, files.robot.file)
         confirm(_question(tuner, request, gains, ending.announced), yes)
         with signals:
             report = _tuned(tuner, request, gains, signals)

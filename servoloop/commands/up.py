@@ -65,6 +65,8 @@ def up(
     `servoloop up --rtf 5`
     """
     log_to_terminal()
+    if network and not options.ros:
+        raise DriverError("--network opens ROS 2 to the network, but --no-ros is given: omit one of them")
     set_network(network)
     check_ready_file(ready_file)
     if options.record is not None:

@@ -59,7 +59,7 @@ def view(
     namespace: RunningNamespace = None,
     bus: Annotated[
         Path | None,
-        typer.Option(help="LINK of a virtual arm that `servoloop emulate` serves without a stack; requires --arm."),
+        typer.Option(help="LINK of virtual servos of `servoloop emulate` without a stack. Select the arm with --arm."),
     ] = None,
     page: PageOptions,
 ) -> None:

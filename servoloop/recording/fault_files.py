@@ -50,6 +50,7 @@ class FaultFiles:
     """
 
     eager = False
+    complete = False
 
     def __init__(self, folder: Path, messages: Messages, now: Callable[[], datetime] = datetime.now) -> None:
         """``now`` returns the time of day for the file names."""

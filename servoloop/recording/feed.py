@@ -72,6 +72,8 @@ class LiveFeed:
     viewer.
     """
 
+    complete = False
+
     def __init__(self, path: Path, messages: Messages, folder: Path | None = None, name: str = "") -> None:
         """Create the socket.
 

@@ -42,6 +42,11 @@ class Sink(Protocol):
         """Whether the sink needs each cycle immediately, followed by a flush."""
         ...
 
+    @property
+    def complete(self) -> bool:
+        """Whether the sink is meant to contain every cycle, so that missing cycles must be reported."""
+        ...
+
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
         """Process the samples that have been written so far. The recorder calls this when no more samples are
@@ -80,7 +85,7 @@ class Recorder:
         """Queue the cycle that measured this state. The loop thread calls this method, which never blocks."""
         sample = self._sampler.sample(state)
         if len(self._waiting) >= WAITING:
-            self.dropped += 1
+            self.dropped += any(sink.complete for sink in self._sinks)
         else:
             self._waiting.append(sample)
             if self._eager:
@@ -171,6 +176,7 @@ class RecordingFile:
     """Sink that writes one MCAP file."""
 
     eager = False
+    complete = True
 
     def __init__(self, path: Path, messages: Messages) -> None:
         """Create the file. Raises RecordingError if the file cannot be created or already exists."""

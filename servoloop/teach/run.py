@@ -8,7 +8,7 @@ from servoloop.manual.dead_man import Permission
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
 from servoloop.teach.motion_files import RecordedMotion
-from servoloop.teach.play import Play
+from servoloop.teach.play import Play, PlayPhase
 from servoloop.teach.record import Keep, TeachRecording
 
 POLL_S: Final = 0.02
@@ -67,7 +67,7 @@ def record(arm: Arm, limp: bool, poses: bool, person: TeachOperator, keep: Keep)
         raise recording.error
 
 
-def play(arm: Arm, motion: RecordedMotion, speed: float, permission: Permission, screen: TeachScreen) -> None:
+def play(arm: Arm, motion: RecordedMotion, speed: float, permission: Permission, screen: TeachScreen) -> bool:
     """Play a motion of the arm's joints. The arm then holds its position.
 
     Args:
@@ -76,6 +76,9 @@ def play(arm: Arm, motion: RecordedMotion, speed: float, permission: Permission,
         speed: Fraction of the recorded speed, from 0 to 1.
         permission: Dead-man switch.
         screen: Display of the arm.
+
+    Returns:
+        Whether the motion was completed; False if the person ended it before.
 
     Raises:
         TeachError: The motion cannot be played, or the arm stopped before the end of the motion.
@@ -91,3 +94,4 @@ def play(arm: Arm, motion: RecordedMotion, speed: float, permission: Permission,
             screen.show(playing.phase, arm)
             arm.sleep(POLL_S)
         screen.show(playing.phase, arm)
+    return playing.phase is PlayPhase.DONE

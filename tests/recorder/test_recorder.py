@@ -19,6 +19,7 @@ class Kept:
     """Sink that stores its samples."""
 
     eager = False
+    complete = True
 
     def __init__(self) -> None:
         self.samples: list[CycleSample] = []
@@ -105,6 +106,20 @@ def test_loop_continues_without_writer_and_dropped_cycles_are_counted(
     assert len(sink.samples) == 7 and recorder.dropped == rig.stack.loop.figures.cycles - 7
     lost = counted(recorder.dropped, "cycle")
     assert f"the recordings lack {lost}, because the disk was too slow" in caplog.text
+
+
+def test_cycles_that_only_a_viewer_misses_are_not_reported(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "WAITING", 7)
+    monkeypatch.setattr(module, "FLUSH_S", 3600.0)
+    sink = Kept()
+    sink.complete = False
+    rig, recorder = recording(sink)
+    recorder.start()
+    rig.run(1.0)
+    recorder.close(failed=False)
+    assert len(sink.samples) == 7 and recorder.dropped == 0 and "lack" not in caplog.text
 
 
 def test_hanging_disk_does_not_block_the_end_of_the_program(

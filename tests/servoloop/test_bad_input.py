@@ -7,11 +7,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from shutil import copytree
 
 import pytest
 
+from drivers.port.serial_port import SerialPort
 from servoloop import cli
 from servoloop.cli import app
 from servoloop.commands.output.calibrate_terminal import Terminal
@@ -161,6 +163,7 @@ def test_an_emulator_refuses_a_path_in_use(
             "real servos cannot run in simulated time: omit --port, or --rtf",
         ),
         (("up", "--step", "--port", "/dev/ttyACM77"), "real servos cannot run in simulated time: omit --port"),
+        (("up", "--hardware", "mock", "--no-ros", "--network"), "--network opens ROS 2 to the network, but --no-ros"),
         (("up", "--rtf", "0"), "--rtf must be max or a factor above 0, such as 0.5 or 5, not '0'"),
         (("emulate", ""), "LINK must be an unused path such as ./bus, not '.'"),
         (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
@@ -203,6 +206,31 @@ def test_files_left_by_a_killed_emulator_are_not_used(
     with socket.socket(socket.AF_UNIX) as feed:
         feed.bind(str(feed_path(link)))
     assert f"{link} does not exist" in complaint(capsys, monkeypatch, "up", "--port", str(link))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("teach", "record", "wave", "--arm", "./mine"),
+        ("teach", "record", "wave", "--arm", "./mine", "--limp"),
+        ("tune", "gripper", "--arm", "./mine"),
+        ("bench", "arm", "--arm", "./mine"),
+        ("calibrate", "--arm", "./mine", "--auto"),
+    ],
+    ids=" ".join,
+)
+def test_a_busy_port_is_reported_before_the_question(
+    line: Path,
+    tmp_path: Path,
+    words: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    copytree(CONFIG / "arms" / "so101", tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    with closing(SerialPort(str(line))):
+        said = complaint(capsys, monkeypatch, *words, "--port", str(line))
+    assert "is already open in this program" in said and "Continue?" not in said
 
 
 @pytest.mark.parametrize("verb", ["up", "demo", "pick", "emulate"])

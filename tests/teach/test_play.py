@@ -14,6 +14,7 @@ from controller.teach.hand_path import HandPath
 from servoloop import Arm
 from servoloop.teach.motion_files import MotionStore, RecordedMotion, TeachError
 from servoloop.teach.play import APPROACH, PlayPhase
+from servoloop.teach.run import play
 from tests.command_socket.rig import SocketRig, served
 from tests.command_socket.test_bad_clients import at_rest
 from tests.handling.test_robot_client import files, without_ros
@@ -83,6 +84,28 @@ def test_motion_faster_than_the_joints_is_played_at_their_limits() -> None:
     assert (speeds <= FASTEST + 1e-6).all() and speeds[:, PAN].max() > 2.0
     player.rig.run(0.5)
     assert player.rig.places[PAN] == pytest.approx(1.2, abs=0.02)
+
+
+class Screen:
+    """Display that ends the playback with q after some updates."""
+
+    def __init__(self, key: Key, updates: int) -> None:
+        self._key, self._updates = key, updates
+
+    def __enter__(self) -> "Screen":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def show(self, phase: str, arm: Arm) -> None:
+        self._updates -= 1
+        self._key.quit = self._updates <= 0
+
+
+@pytest.mark.parametrize(("updates", "complete"), [(5, False), (100_000, True)])
+def test_a_playback_that_is_ended_with_q_is_not_complete(updates: int, complete: bool) -> None:
+    player = Player(path(seconds=1.0))
+    assert play(player.rig.arm, path(seconds=1.0), 1.0, player.key, Screen(player.key, updates)) is complete
 
 
 def test_poses_are_reached_one_after_the_other() -> None:

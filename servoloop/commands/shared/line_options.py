@@ -173,6 +173,14 @@ def named_devices(ports: list[str], buses: Iterable[str], arm: str) -> dict[str,
     return devices
 
 
+def require_ports(devices: Mapping[str, str], robot: "RobotFile") -> None:
+    """Raise PortError if the device of a bus cannot be opened. Call this function before a question about the arm."""
+    from drivers.port.serial_port import require_port
+
+    for bus, device in devices.items():
+        require_port(device, robot.lines()[bus].baud)
+
+
 def adapter_serial(device: str) -> str | None:
     """Return the serial number of a device's USB adapter, or None if it has no serial number."""
     from serial.tools.list_ports import comports
