@@ -101,7 +101,8 @@ def arm(
     found = find_arm(arm)
     files = read_arm_servos(found)
     with served_devices(port, files) as devices:
-        require_ports(devices, files.robot.file)
+        if not yes:
+            require_ports(devices, files.robot.file)
         confirm(MOVES, yes)
         with Signals(LEFT) as signals:
             measured = bench_arm(

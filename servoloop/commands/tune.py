@@ -95,7 +95,8 @@ def tune(
     with served_devices(port, files) as devices:
         tuner, ending = _tuner(files, request.joint, devices, signals)
         gains = request.gains(tuner.joint.model)
-        require_ports(devices, files.robot.file)
+        if not yes:
+            require_ports(devices, files.robot.file)
         confirm(_question(tuner, request, gains, ending.announced), yes)
         with signals:
             report = _tuned(tuner, request, gains, signals)
