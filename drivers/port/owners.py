@@ -9,9 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from drivers.printable import printable_line
-
 from drivers.paths import resolved
+from drivers.printable import printable_line
 
 PSEUDO_TERMINALS = Path("/dev/pts")
 LONGEST_COMMAND: Final = 80
