@@ -93,7 +93,18 @@ class Parameters(BaseModel):
         Returns:
             Names of the parameters, sorted.
         """
-        return sorted(self.model_extra or {})
+        return sorted(_unknown(self))
+
+
+def _unknown(model: BaseModel, prefix: str = "") -> Iterator[str]:
+    """Yield the dotted name of each unknown parameter, including those in parameter groups."""
+    extra = model.model_extra or {}
+    for name in (*type(model).model_fields, *extra):
+        value = getattr(model, name, None)
+        if isinstance(value, BaseModel):
+            yield from _unknown(value, f"{prefix}{name}.")
+        elif name in extra:
+            yield f"{prefix}{name}"
 
 
 class ManagerParameters(Parameters):

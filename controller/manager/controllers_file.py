@@ -258,8 +258,14 @@ class _Reader:
         """Log the manager parameters that do not have any effect."""
         extra = manager.model_extra or {}
         unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
-        if unused := [key for key in unused if key not in HONORED]:
-            LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, MANAGER, ", ".join(unused))
+        unused += [
+            f"{name}.{key}"
+            for name, entry in extra.items()
+            if name not in GROUPS and isinstance(entry, Mapping)
+            for key in entry
+            if key not in SETTINGS
+        ]
+        self._log_unused(MANAGER, [key for key in unused if key not in HONORED])
         if not manager.enforce_command_limits:
             LOG.warning(
                 "%s: %s: enforce_command_limits: false has no effect, because the limits of the URDF always apply",
@@ -322,8 +328,13 @@ class _Reader:
     def _check_use(self, name: str, parameters: Parameters) -> None:
         for key, text in claim_mistakes(parameters, self.component):
             self.report(name, key, text)
-        if unused := parameters.unused():
-            LOG.warning("%s: %s: parameters without effect: %s", self.sections.file.path, name, ", ".join(unused))
+        self._log_unused(name, parameters.unused())
+
+    def _log_unused(self, node: str, unused: Sequence[str]) -> None:
+        for text in unused:
+            key = text.partition(" ")[0].removesuffix(":")
+            place = self.places.place((node, PARAMETERS, *key.split(".")))
+            LOG.warning("%s: %s: parameter without effect: %s", place, node, text)
 
     @staticmethod
     def _not_in_file(name: str, others: Any, known: Sequence[str]) -> list[str]:

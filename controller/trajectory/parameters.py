@@ -26,7 +26,7 @@ SETTABLE: Final = frozenset(
 class JointConstraints(BaseModel):
     """Constraints of one joint. Tolerances are in rad or m; 0 disables a tolerance."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True)
 
     trajectory: Tolerance = 0.0
     goal: Tolerance = 0.0
@@ -61,7 +61,7 @@ class Constraints(Parameters):
 class ScalingParameters(BaseModel):
     """Parameters for speed scaling. ros2_control's parameters for hardware interfaces have no effect."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True)
 
     initial_scaling_factor: Factor = 1.0
 

@@ -151,7 +151,30 @@ def test_the_default_update_rate_is_that_of_ros2_control(tmp_path: Path) -> None
 
 def test_unused_ros2_control_parameters_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     load(tmp_path, PLAIN.replace("    state_interfaces", "    open_loop_control: true\n    state_interfaces", 1))
-    assert "arm_controller: parameters without effect: open_loop_control" in caplog.text
+    assert "controllers.yaml:15: arm_controller: parameter without effect: open_loop_control" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("lines", "unknown"),
+    [
+        ("constraints: {joint1: {gaol: 0.05, goal: 0.1}}", "constraints.joint1.gaol"),
+        ("constraints: {joint2: {trajectry: 0.3}}", "constraints.joint2.trajectry"),
+        ("speed_scaling: {initial_scaling: 0.5}", "speed_scaling.initial_scaling"),
+    ],
+)
+def test_an_unknown_key_in_a_parameter_group_is_logged_with_its_line(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, lines: str, unknown: str
+) -> None:
+    load(tmp_path, PLAIN.replace("    state_interfaces", f"    {lines}\n    state_interfaces", 1))
+    assert f"controllers.yaml:15: arm_controller: parameter without effect: {unknown}\n" in caplog.text
+
+
+def test_an_unknown_setting_of_a_controller_is_logged_with_its_line(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    load(tmp_path, with_entry("fallback_controlers: [arm_controller]"))
+    said = "controllers.yaml:11: controller_manager: parameter without effect: hand_controller.fallback_controlers\n"
+    assert said in caplog.text
 
 
 MISTAKES = {
@@ -447,7 +470,7 @@ def test_a_list_of_command_interfaces_with_position_uses_position(
 ) -> None:
     file = load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [position, velocity]"))
     assert file.controllers[1].parameters.claims() == ("joint1/position", "joint2/position")
-    assert caplog.text.count("arm_controller: parameters without effect: command_interfaces: velocity") == 1
+    assert caplog.text.count("arm_controller: parameter without effect: command_interfaces: velocity") == 1
     with pytest.raises(ControllersFileError, match=r"'position' is missing in \[velocity\]: use \[position\]"):
         load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [velocity]"))
 
@@ -520,4 +543,5 @@ def test_an_impossible_parameter_file_name_is_left_to_rcl(tmp_path: Path) -> Non
 def test_manager_parameters_without_effect_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     lines = "update_rate: 20\n    cpu_affinity: 3\n    overruns: {manage: true}\n    use_sim_time: false"
     load(tmp_path, PLAIN.replace("update_rate: 20", lines))
-    assert "controller_manager: parameters without effect: cpu_affinity, overruns" in caplog.text
+    assert "controllers.yaml:5: controller_manager: parameter without effect: cpu_affinity\n" in caplog.text
+    assert "controllers.yaml:6: controller_manager: parameter without effect: overruns\n" in caplog.text
