@@ -162,10 +162,7 @@ class Session:
         return self._next
 
     def _parsed(self, line: bytes) -> _Received:
-        try:
-            message: messages.Message | CommandError = parse(line)
-        except CommandError as error:
-            message = error
+        message = _message_or_error(line)
         return _Received(line, message, self._rate.due_s(COSTS.get(type(message), 1.0)))
 
     def _answer(self, received: _Received) -> None:
@@ -190,6 +187,15 @@ class Session:
         """Send as many bytes as the client accepts now. The caller holds the lock."""
         while self._unsent and (count := self._transport.send(self._unsent)):
             del self._unsent[:count]
+
+
+def _message_or_error(line: bytes) -> messages.Message | CommandError:
+    """Parse a message. The returned error is a new one: the traceback of the caught error refers to the caller's frame,
+    which refers to the returned value."""
+    try:
+        return parse(line)
+    except CommandError as error:
+        return CommandError(error.kind, str(error))
 
 
 class _Rate:

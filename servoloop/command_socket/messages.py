@@ -266,10 +266,16 @@ def parse(line: bytes) -> Message:
         message: Message = adapter.validate_python(found)
         return message
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        # For a field with several types, such as id, pydantic also names the validator.
-        place = ".".join(str(part) for part in first["loc"] if "[" not in str(part))
-        raise CommandError("malformed", f"{op}: {place}: {error_text(first)}") from None
+        mistake = _mistake(error)
+    raise CommandError("malformed", f"{op}: {mistake}")
+
+
+def _mistake(error: ValidationError) -> str:
+    """Describe the first error. Its details refer to the frame of ``parse``, so that frame must not keep them."""
+    first = error.errors(include_url=False)[0]
+    # For a field with several types, such as id, pydantic also names the validator.
+    place = ".".join(str(part) for part in first["loc"] if "[" not in str(part))
+    return f"{place}: {error_text(first)}"
 
 
 def encode(fields: Mapping[str, Any]) -> bytes:

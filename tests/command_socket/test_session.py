@@ -1,5 +1,6 @@
 """A session of the command server needs neither a thread nor a socket, and takes all times from one clock."""
 
+import gc
 import json
 from typing import Any
 
@@ -151,3 +152,33 @@ def test_the_only_forward_controller_holds_when_a_client_that_did_not_name_it_di
     client.session.end()
     client.wait_s(2.0)
     assert begin < loop.command[-1] < 0.045
+
+
+BAD_TIMES = {"joints": ["joint1"], "times_s": [1e9], "positions": [[0.0]], "sent_s": 0.0}
+REFUSED = {
+    "not JSON": b"{\n",
+    "an unknown op": b'{"v": 1, "id": 1, "op": "dance"}\n',
+    "an unknown field": b'{"v": 1, "id": 1, "op": "stop", "now": true}\n',
+    "a time that is too long": json.dumps({"v": 1, "id": 1, "op": "move", **BAD_TIMES}).encode() + b"\n",
+    "a time as text": json.dumps({"v": 1, "id": 1, "op": "move", **BAD_TIMES, "sent_s": "now"}).encode() + b"\n",
+    "an arm without control": b'{"v": 1, "id": 1, "op": "torque", "on": true}\n',
+}
+
+
+@pytest.mark.parametrize("line", REFUSED.values(), ids=REFUSED.keys())
+def test_the_error_of_a_refused_message_is_freed_without_a_garbage_collection(client: Client, line: bytes) -> None:
+    """The stack does not run full garbage collections, which also cannot free what pydantic's errors refer to."""
+    client.write(client.line("take"))
+    assert not client.write(line)[0]["ok"]
+    gc.collect()
+    gc.disable()
+    try:
+        before = errors_in_memory()
+        client.write(line)
+        assert errors_in_memory() == before
+    finally:
+        gc.enable()
+
+
+def errors_in_memory() -> int:
+    return sum(issubclass(type(found), BaseException) for found in gc.get_objects())
