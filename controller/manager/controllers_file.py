@@ -13,7 +13,7 @@ from controller.manager.controller_spec import ControllerSpec, name_mistake, wit
 from controller.manager.node_parameters import files_in, merged, parameters_in
 from controller.manager.parameter_file import MOST_NODES, PARAMETERS
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
-from controller.manager.sections import Sections, SectionsWithDefaults
+from controller.manager.sections import MANAGER, Sections, SectionsWithDefaults
 from controller.manager.settings import SETTINGS, ManagerSettings, setting_mistakes
 from controller.manager_errors import ControllersFileError
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
@@ -23,7 +23,6 @@ from hal.yaml_file import YamlPlaces, mistakes
 
 LOG = logging.getLogger("servoloop.controller")
 
-MANAGER = "controller_manager"
 GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overruns", "qos_overrides")
 """Groups of manager parameters that look like controllers in the file."""
 DEFAULTS = "controller_defaults"
@@ -79,7 +78,7 @@ def load_controllers_file(
         ControllersFileError: The file has errors. The message lists all errors.
     """
     sections = _sections(path, namespace)
-    places = sections if origin is None else SectionsWithDefaults(sections, origin, DEFAULTS)
+    places = sections if origin is None else SectionsWithDefaults(sections, origin, DEFAULTS, defaults)
     reader = _Reader(sections, component, [], places)
     controllers = reader.controllers(defaults, namespace)
     manager = reader.checked(MANAGER, ManagerParameters, sections.of(MANAGER))
@@ -242,7 +241,7 @@ class _Reader:
     def _report_elsewhere(self, name: str) -> None:
         namespace = self.sections.namespace
         self.problems.append(
-            f"{self.places.place((name,))}: this section is for /{name}, but the controller is {namespace}/{name}: "
+            f"{self.sections.place((name,))}: this section is for /{name}, but the controller is {namespace}/{name}: "
             f"name the section {namespace}/{name} or /**/{name}"
         )
 
@@ -279,7 +278,19 @@ class _Reader:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
             self.problems += mistakes(self.places, error, (name, PARAMETERS), name)
+            if not self.sections.has(name):
+                self._report_similar(
+                    name, [str(item["loc"][0]) for item in error.errors() if item["type"] == "missing"]
+                )
             return None
+
+    def _report_similar(self, name: str, missing: Sequence[str]) -> None:
+        """Record the sections that set a missing parameter, but whose node is not a controller."""
+        listed = self.sections.of(MANAGER)
+        for other in self.sections.nodes():
+            if other not in listed and self.sections.of(other).keys() & set(missing):
+                place = self.sections.place((other,))
+                self.problems.append(f"{place}: the section {other} is not used: rename the section to {name}")
 
     def controller(
         self, name: str, settings: ManagerSettings, parameters: Mapping[str, Any]

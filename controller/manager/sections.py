@@ -1,14 +1,16 @@
 """Read the sections of a parameter file that apply to the nodes of one namespace, and find the line of each value."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from controller.manager.node_parameters import Content, matches, named, parameters_of
-from controller.manager.parameter_file import ALL, read_parameter_file
+from controller.manager.node_parameters import Content, matches, merged, named, parameters_of
+from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
 from hal.yaml_file import YamlPlaces
 from hal.yaml_nodes import YamlFile
+
+MANAGER: Final = "controller_manager"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +51,17 @@ class Sections:
                 yield name
 
     def place(self, location: Sequence[int | str]) -> str:
-        """Return the file and line of a value. The location starts with the name of a node."""
+        """Return the file and line of a value. The location starts with the name of a node.
+
+        A controller without a section has the place of its name in the manager's section.
+        """
         node, *rest = location
-        places = [location]
-        for pattern in self.content:
-            if matches(pattern, f"{self.namespace}/{node}"):
-                places += [(*keys, *rest) for keys in _spellings(pattern)]
-        return self.file.place(max(places, key=self.file.line))
+        places = self._places(str(node), rest) or self._places(MANAGER, (PARAMETERS, node))
+        return self.file.place(max([location, *places], key=self.file.line))
+
+    def _places(self, node: str, rest: Sequence[int | str]) -> list[tuple[int | str, ...]]:
+        patterns = [pattern for pattern in self.content if matches(pattern, f"{self.namespace}/{node}")]
+        return [(*keys, *rest) for pattern in patterns for keys in _spellings(pattern)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +72,14 @@ class SectionsWithDefaults:
     defaults: YamlPlaces
     key: str
     """Key under which the default values are stored in their file."""
+    values: Mapping[str, Mapping[str, Any]]
+    """Default values, keyed by node."""
 
     def place(self, location: Sequence[int | str]) -> str:
         """Return the file and line of a value, as ``Sections.place`` does."""
         node, _, *keys = location
-        if keys and str(keys[0]) not in self.sections.of(str(node)):
+        own, default = self.sections.of(str(node)), merged({}, self.values.get(str(node), {}))
+        if keys and str(keys[0]) not in own and str(keys[0]) in default:
             return self.defaults.place((self.key, node, *keys))
         return self.sections.place(location)
 

@@ -18,6 +18,7 @@ from controller.manager_errors import ControllersFileError
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.file_size import LARGEST_BYTES
 from hal.robot_description.description import Description, HardwareInfo, parse_urdf
+from hal.yaml_nodes import YamlFile
 from tests.controller.manager_bench import Interfaces
 
 URDF = """
@@ -457,6 +458,24 @@ def test_the_defaults_of_a_robot_file_are_checked_too(tmp_path: Path) -> None:
         load(tmp_path, PLAIN, {"arm_controller": {"": 1}})
     with pytest.raises(ControllersFileError, match=r"arm_controller\.own\.part has a parameter without a name"):
         load(tmp_path, PLAIN, {"arm_controller": {"own": {"part..x": 1}}})
+
+
+def test_a_misspelled_section_is_reported_with_the_controllers_file(tmp_path: Path) -> None:
+    origin, path = YamlFile(tmp_path / "robot.yaml", None), tmp_path / "controllers.yaml"
+    path.write_text(PLAIN.replace("arm_controller:\n  ros", "arm_ctrl:\n  ros"))
+    with pytest.raises(ControllersFileError) as error:
+        load_controllers_file(path, DEFAULTS, description()[1], origin)
+    assert str(error.value).splitlines() == [
+        f"{path}:7: arm_controller.joints: is missing: add the key",
+        f"{path}:11: the section arm_ctrl is not used: rename the section to arm_controller",
+    ]
+
+
+def test_a_wrong_default_is_reported_with_the_robot_file(tmp_path: Path) -> None:
+    origin, path = YamlFile(tmp_path / "robot.yaml", None), tmp_path / "controllers.yaml"
+    path.write_text(PLAIN)
+    with pytest.raises(ControllersFileError, match=r"^\S+robot.yaml:1: arm_controller.command_lead: must be"):
+        load_controllers_file(path, {"arm_controller": {"command_lead": -1.0}}, description()[1], origin)
 
 
 def test_numeric_joint_names_must_be_quoted(tmp_path: Path) -> None:
