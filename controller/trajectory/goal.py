@@ -20,6 +20,10 @@ LONGEST_GOAL_S: Final = 3_600.0
 """Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually indicates a wrong
 stamp.
 """
+MOST_NAMES: Final = 20
+"""Maximum number of joint names in a rejection message."""
+LONGEST_NAME: Final = 100
+"""Maximum number of characters of a joint name in a rejection message."""
 ROUNDING: Final = 1e-6
 """Fraction by which a value may exceed a limit. Planners use the full limits and have rounding errors (MoveIt:
 1e-13)."""
@@ -141,15 +145,25 @@ def _ends(limit: JointLimits, stands: Sequence[float]) -> tuple[float, float]:
 
 def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str], partial: bool) -> str | None:
     if not partial and len(goal.joints) != len(joints):
-        return "Joints on incoming trajectory don't match the controller joints."
+        return (
+            "Joints on incoming trajectory don't match the controller joints. The goal names "
+            f"{_listed(goal.joints)}, but the controller has {_listed(joints)}: name each joint of the controller."
+        )
     if not goal.joints:
         return "Empty joint names on incoming trajectory."
     for name in goal.joints:
         if name not in joints:
-            return f"Incoming joint {name} doesn't match the controller's joints."
+            shown = f"The controller has {_listed(joints)}: correct the name"
+            return f"Incoming joint {name[:LONGEST_NAME]} doesn't match the controller's joints. {shown}."
         if goal.joints.count(name) > 1:  # ros2_control uses the last entry, and moves the joint that is missing to 0.
             return f"Joint {name} is named twice: name each joint once."
     return None
+
+
+def _listed(joints: Sequence[str]) -> str:
+    """Return the number of joints and the first names. A goal may name thousands of joints."""
+    names = [name[:LONGEST_NAME] for name in joints[:MOST_NAMES]] + ["…"] * (len(joints) > MOST_NAMES)
+    return f"{len(joints)} ({', '.join(names)})" if names else "no joints"
 
 
 def _points_reason(goal: TrajectoryGoal, integration: bool) -> str | None:

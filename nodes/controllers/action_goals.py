@@ -17,6 +17,8 @@ RESULT_TIMEOUT_S: Final = 10
 """Time for which a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
 every status message would list all goals of the last 15 minutes, and responses would be delayed after several hundred
 goals."""
+STOPPED: Final = "Stopped by another client, such as servoloop stop"
+"""Result text of a goal that is aborted because a client of the command socket has canceled it."""
 
 
 class AcceptedGoal(Protocol):
@@ -129,4 +131,11 @@ class ActionGoals(Generic[Handle]):
             server_goal.succeed()
         else:
             server_goal.abort()
-        return self._result(handle)
+        result = self._result(handle)
+        if (
+            handle.status is GoalStatus.CANCELED
+            and not server_goal.is_cancel_requested
+            and hasattr(result, "error_string")
+        ):
+            result.error_string = STOPPED
+        return result

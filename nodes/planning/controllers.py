@@ -35,6 +35,12 @@ STILL: Final = 5e-4
 POLL_S: Final = 0.05
 """Period of the checks for arrival and rest, in seconds."""
 
+_ENDS: Final = {
+    GoalStatus.STATUS_CANCELED: "its goal was canceled by another client, such as servoloop stop: send it again",
+    GoalStatus.STATUS_ABORTED: "its goal was aborted, for example by servoloop stop: check the log of the stack",
+}
+"""Descriptions of a goal that ended without an error text, keyed by status."""
+
 
 class StopRequest:
     """A request to stop a motion, with a MoveIt error code and a message for the client."""
@@ -125,7 +131,7 @@ class ActionController:
     def _reason(self, response: Any) -> str:
         if response.status == GoalStatus.STATUS_SUCCEEDED or getattr(response.result, "stalled", False):
             return ""
-        text = getattr(response.result, "error_string", "") or f"status {response.status}"
+        text = getattr(response.result, "error_string", "") or _ENDS.get(response.status, f"status {response.status}")
         return f"{self.route.name} did not finish the motion: {text}"
 
     def _goal(self, trajectory: JointTrajectory) -> Any:

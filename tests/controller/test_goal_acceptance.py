@@ -38,6 +38,7 @@ def goal(*points: GoalPoint, joints: tuple[str, ...] = JOINTS, delay_s: float = 
 
 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
+NAME_THEM = "but the controller has 2 (joint1, joint2): name each joint of the controller."
 
 FAR = (
     "the trajectory would end {} s from now, but the maximum is 3600 s: check that its point times start at 0 "
@@ -52,12 +53,20 @@ def reason(asked: TrajectoryGoal, allowed: Allowed = ORDINARY) -> str | None:
 
 
 REFUSED = {
-    "no joints": (goal(point(()), joints=()), MISMATCH),
-    "a joint missing": (goal(point((0.5,)), joints=("joint1",)), MISMATCH),
-    "a joint too many": (goal(point((0.5,) * 3), joints=(*JOINTS, "joint3")), MISMATCH),
+    "no joints": (goal(point(()), joints=()), f"{MISMATCH} The goal names no joints, {NAME_THEM}"),
+    "a joint missing": (goal(point((0.5,)), joints=("joint1",)), f"{MISMATCH} The goal names 1 (joint1), {NAME_THEM}"),
+    "a joint too many": (
+        goal(point((0.5,) * 3), joints=(*JOINTS, "joint3")),
+        f"{MISMATCH} The goal names 3 (joint1, joint2, joint3), {NAME_THEM}",
+    ),
+    "thousands of joints": (
+        goal(point((0.5,) * 3), joints=("j",) * 5000),
+        f"{MISMATCH} The goal names 5000 ({'j, ' * 20}…), {NAME_THEM}",
+    ),
     "an unknown joint": (
         goal(point(), joints=("joint1", "foo")),
-        "Incoming joint foo doesn't match the controller's joints.",
+        "Incoming joint foo doesn't match the controller's joints. The controller has 2 (joint1, joint2): "
+        "correct the name.",
     ),
     "a joint twice": (goal(point(), joints=("joint1", "joint1")), "Joint joint1 is named twice: name each joint once."),
     "no points": (goal(), "Empty trajectory received."),

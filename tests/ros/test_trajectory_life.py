@@ -125,7 +125,10 @@ def test_trajectory_on_the_topic_is_executed_unless_empty_or_partial(ours: Traje
     ours.until(lambda: abs(ours.states[-1].output.positions[0] - 0.3) < 1e-6)
     assert largest_step_rad(ours.states[before:]) <= LARGEST_STEP_RAD
     sent, before = ours.send(goal_of(T(P(0.0, 0.8)))), len(ours.states)
-    mismatch = "Joints on incoming trajectory don't match the controller joints."
+    mismatch = (
+        "Joints on incoming trajectory don't match the controller joints. The goal names 1 (joint1), but the "
+        f"controller has 6 ({', '.join(JOINTS)}): name each joint of the controller."
+    )
     for message, text in ((T(), "Empty trajectory received."), (T(P((0.1,), 1.0), names=JOINTS[:1]), mismatch)):
         said = len(ours.reasons)
         ours.publish(message)
