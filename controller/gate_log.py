@@ -15,11 +15,12 @@ def log_gate(reasons: Mapping[str, str]) -> None:
 
     Args:
         reasons: Reason for each change, keyed by command interface. Reasons that differ only in their numbers are
-            logged as one event.
+            logged as one event, but not those with different limits.
     """
     events: dict[tuple[str, ...], list[str]] = {}
     for interface, reason in reasons.items():
-        events.setdefault(event_of(reason), []).append(interface)
+        limits = reason.partition(" outside the limits ")[2]
+        events.setdefault((*event_of(reason), limits), []).append(interface)
     for interfaces in events.values():
         names = ", ".join(_short_name(interface) for interface in interfaces)
         LOG.info("safety gate: %s: %s", names, as_one([reasons[interface] for interface in interfaces]))
