@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, Self, overload
 from hal.types import JointLimits
 from servoloop.api.arm_errors import ArmInputError, ArmSetupError
 from servoloop.api.backend import ArmBackend, ArmState, MotionGoal, Observer
-from servoloop.api.checks import check_joints, checked_goal, checked_number, checked_timeout
+from servoloop.api.checks import (
+    check_boolean,
+    check_joints,
+    checked_goal,
+    checked_number,
+    checked_path,
+    checked_ports,
+    checked_timeout,
+)
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion, TargetStream
 from servoloop.api.targets import Positions, approach_s, by_joint, duration_of, goal_of, pose_named
@@ -63,9 +71,8 @@ class Arm:
         from servoloop.api.options import ArmOptions
         from servoloop.api.thread_loop import ThreadLoop
 
-        options = ArmOptions(str(name_or_folder), rate_hz, _path(controllers), _path(record))
-        ports = [port] if isinstance(port, str) else list(port or ())
-        loop = ThreadLoop(options.files(), ports, options.record)
+        options = ArmOptions(_source(name_or_folder), rate_hz, *_paths(controllers, record))
+        loop = ThreadLoop(options.files(), checked_ports(port), options.record)
         self._use(loop.backend, loop.close, options.arm)
 
     @classmethod
@@ -100,7 +107,7 @@ class Arm:
         from servoloop.api.options import ArmOptions
         from servoloop.api.simulated_loop import SimulatedLoop
 
-        options = ArmOptions(str(name_or_folder), rate_hz, _path(controllers), _path(record))
+        options = ArmOptions(_source(name_or_folder), rate_hz, *_paths(controllers, record))
         arm = cls.__new__(cls)
         loop = SimulatedLoop(options.files(), options.record, seed, backlash_deg)
         arm._use(loop.backend, loop.close, options.arm)
@@ -370,9 +377,12 @@ class Arm:
                 not drop. If False, support the arm by hand.
 
         Raises:
+            ArmInputError: ``on`` or ``park`` is not a Boolean.
             MotionFailedError: The park pose was not reached. The torque stays enabled.
             ArmError: A servo does not respond or cannot be activated safely.
         """
+        check_boolean("on", on)
+        check_boolean("park", park)
         self._backend.set_torque(on, park)
 
     @contextmanager
@@ -524,5 +534,14 @@ class Arm:
         return motion
 
 
-def _path(path: str | Path | None) -> Path | None:
-    return None if path is None else Path(path)
+def _source(name_or_folder: object) -> str:
+    if not isinstance(name_or_folder, str | Path):
+        raise ArmSetupError(f"name_or_folder must be a name or a path, not {name_or_folder!r}: see `servoloop arms`")
+    return str(name_or_folder)
+
+
+def _paths(controllers: object, record: object) -> tuple[Path | None, Path | None]:
+    return (
+        None if controllers is None else checked_path("controllers", controllers),
+        None if record is None else checked_path("record", record),
+    )

@@ -1,13 +1,14 @@
 """Check goals and targets before the arm moves. All messages name the joint and explain what to do."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from hal.types import AT_LIMIT, JointLimits, beyond_range
-from servoloop.api.arm_errors import ArmInputError
+from servoloop.api.arm_errors import ArmInputError, ArmSetupError
 from servoloop.api.backend import ArmDescription, MotionGoal
 
 
@@ -86,6 +87,27 @@ def checked_timeout(value: object) -> float:
     if math.isnan(found):
         raise ArmInputError(f"timeout must be a time in seconds, not {value!r}")
     return found
+
+
+def check_boolean(name: str, value: object) -> None:
+    """Raise ArmInputError if a value is not a Boolean, because a text such as "off" would count as true."""
+    if not isinstance(value, bool):
+        raise ArmInputError(f"{name} must be True or False, not {value!r}: pass a Boolean")
+
+
+def checked_path(name: str, value: object) -> Path:
+    """Convert a value to a path. Raises ArmSetupError."""
+    if not isinstance(value, str | Path):
+        raise ArmSetupError(f"{name} must be a path, not {value!r}: pass a string or a Path")
+    return Path(value)
+
+
+def checked_ports(port: object) -> list[str]:
+    """Convert the ports of an arm to a list. Raises ArmSetupError."""
+    ports = [port] if isinstance(port, str) else [] if port is None else port
+    if not (isinstance(ports, Sequence) and all(isinstance(one, str) for one in ports)):
+        raise ArmSetupError(f"port must be a string or a list of strings such as '/dev/ttyACM0', not {port!r}")
+    return list(ports)
 
 
 def number_of(value: Any) -> float | None:

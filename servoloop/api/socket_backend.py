@@ -140,7 +140,7 @@ class SocketBackend:
         try:
             self._watching.request("stop")
         except CommandError as error:
-            raise arm_error(error) from error
+            raise arm_error(error) from None
 
     def begin_stream(self, max_age_s: float) -> None:
         """Open a stream, as ``ArmBackend.begin_stream`` describes."""
@@ -156,8 +156,8 @@ class SocketBackend:
             self._commands.request("targets", positions=positions)
         except CommandError as error:
             if error.kind == "not_owner":
-                raise StreamEndedError(f"the stream has ended: {error}") from error
-            raise arm_error(error) from error
+                raise StreamEndedError(f"the stream has ended: {error}") from None
+            raise arm_error(error) from None
 
     def end_stream(self) -> None:
         """End the stream, if one is open."""
@@ -193,7 +193,7 @@ class SocketBackend:
         try:
             self._commands.request("record", path=where)
         except CommandError as error:
-            raise ArmInputError(str(error)) from error
+            raise ArmInputError(str(error)) from None
         try:
             yield
         finally:
@@ -236,7 +236,7 @@ class SocketBackend:
         try:
             return self._commands.request(op, timeout_s, **fields)
         except CommandError as error:
-            raise arm_error(error) from error
+            raise arm_error(error) from None
 
     def _keep(self, events: list[dict[str, Any]]) -> None:
         """Store the motion results from a list of events."""

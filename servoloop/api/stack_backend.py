@@ -196,7 +196,7 @@ class StackBackend:
         try:
             self._recording.begin(path)
         except DriverError as error:
-            raise ArmInputError(str(error)) from error
+            raise ArmInputError(str(error)) from None
         try:
             yield
         finally:

@@ -43,7 +43,7 @@ def pose_named(name: str, arm: ArmDescription) -> dict[str, float]:
     try:
         return dict(Poses(arm.folder).get(name))
     except PoseError as error:
-        raise ArmInputError(f"{error}; save a pose with `servoloop pose save`") from error
+        raise ArmInputError(f"{error}; save a pose with `servoloop pose save`") from None
 
 
 def duration_of(duration: float | None, speed: float | None) -> tuple[float | None, float]:
@@ -142,4 +142,4 @@ def approach_s(
     try:
         return max(motion_to(here, there, slower, 0.0, joints).duration_s, SHORTEST_S)
     except MotionError as error:
-        raise ArmInputError(f"the arm cannot move to the target: {error}") from error
+        raise ArmInputError(f"the arm cannot move to the target: {error}") from None

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from controller.interface import Controller, ControllerType
 from controller.manager.claims import claim_mistakes
 from controller.manager_errors import ManagerError
+from hal.yaml_file import error_text
 from servoloop.api.arm_errors import ArmEndedError, ArmInputError
 from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
@@ -32,8 +33,8 @@ def build_controller(stack: ControlStack, name: str, kind: ControllerType, param
             raise ArmInputError(f"{name}.{key} {text}")
         return kind.build(name, checked, stack.context)
     except ValidationError as error:
-        problems = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
-        raise ArmInputError(f"{name}: {problems}") from error
+        problems = "; ".join(f"{'.'.join(map(str, one['loc']))}: {error_text(one)}" for one in error.errors())
+        raise ArmInputError(f"{name}: {problems}") from None
     except (ValueError, KeyError) as error:
         raise error if isinstance(error, ArmInputError) else ArmInputError(f"{name}: {error}") from error
 
@@ -77,7 +78,7 @@ class _UserController:
         try:
             self._registry.add(self._made)
         except ManagerError as error:
-            raise ArmInputError(str(error)) from error
+            raise ArmInputError(str(error)) from None
 
     def remove(self) -> None:
         """Activate the previous controllers, and unload the controller unless another program has unloaded it."""

@@ -10,6 +10,7 @@ from controller.manager.plugins import controller_types
 from controller.manager.switch import SwitchRequest
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from hal.types import JointState
+from servoloop.api.checks import number_of
 from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.run import end_program
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -125,9 +126,10 @@ class VirtualArm:
             The controller.
 
         Raises:
+            ArmTestError: The type name is unknown.
             ValueError: The parameters are invalid.
         """
-        type_ = controller_types()[kind] if isinstance(kind, str) else kind
+        type_ = _controller_type(kind) if isinstance(kind, str) else kind
         built = type_.build(name, type_.parameters_type(**parameters), self.stack.control_stack.context)
         self.stack.add_controller(built)
         return built
@@ -173,8 +175,12 @@ class VirtualArm:
         raise ArmTestError("the goal to cancel is unknown: pass the handle returned by virtual_arm.send_goal")
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Run cycles for ``seconds`` seconds, or until ``until`` returns true."""
+        """Run cycles for ``seconds`` seconds, or until ``until`` returns true. Raises ArmTestError if the time is not
+        valid."""
         self._require_up()
+        number = number_of(seconds)
+        if number is None or not number >= 0.0:
+            raise ArmTestError(f"the time to run must be at least 0 s, not {seconds!r}: pass a number of seconds")
         self.stack.run(seconds, until)
 
     def plan(self, *faults: str) -> None:
@@ -248,3 +254,10 @@ class VirtualArm:
 
     def _on_state(self, state: JointState) -> None:
         self.state = state
+
+
+def _controller_type(name: str) -> ControllerType:
+    types = controller_types()
+    if name not in types:
+        raise ArmTestError(f"there is no controller type {name!r}: choose one of {', '.join(types)}")
+    return types[name]

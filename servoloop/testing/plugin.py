@@ -49,12 +49,23 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run each test that has the ``seeds`` marker once per seed."""
     marker = metafunc.definition.get_closest_marker("seeds")
     if marker is not None:
-        count, first = _seeds(*marker.args, **marker.kwargs)
+        count, first = _seeds(marker)
         metafunc.fixturenames.append("seed")
         metafunc.parametrize("seed", range(first, first + count))
 
 
-def _seeds(count: int, first: int = 0) -> tuple[int, int]:
+def _seeds(marker: pytest.Mark) -> tuple[int, int]:
+    """Return the number of seeds and the first seed. Raises UsageError, because a test without seeds never runs."""
+    values = {**dict(zip(("count", "first"), marker.args, strict=False)), **marker.kwargs}
+    if len(marker.args) > 2 or not {"count"} <= values.keys() <= {"count", "first"}:
+        raise pytest.UsageError(
+            "seeds needs a count and optionally a first seed: write seeds(20) or seeds(20, first=5)"
+        )
+    count, first = values["count"], values.get("first", 0)
+    if type(count) is not int or count < 1:
+        raise pytest.UsageError(f"seeds needs a count of at least 1, not {count!r}: write seeds(20)")
+    if type(first) is not int or first < 0:
+        raise pytest.UsageError(f"seeds needs a first seed of at least 0, not {first!r}: write seeds(20, first=5)")
     return count, first
 
 

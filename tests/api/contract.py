@@ -3,6 +3,7 @@
 
 import asyncio
 import math
+import re
 import time
 from collections.abc import Callable
 from itertools import pairwise
@@ -113,6 +114,20 @@ class ArmContract:
         with pytest.raises(ArmInputError, match="outside the limits"):
             arm.move_to({PAN: limit.upper + 2.0 * tolerated}, duration=4.0)
         arm.move_to(before, duration=4.0)
+
+    @pytest.mark.parametrize("value", ["off", 1, None, np.True_])
+    def test_torque_accepts_only_true_or_false(self, arm: Arm, value: Any) -> None:
+        with pytest.raises(
+            ArmInputError, match=f"on must be True or False, not {re.escape(repr(value))}: pass a Boolean"
+        ):
+            arm.torque(value)
+        with pytest.raises(ArmInputError, match="park must be True or False"):
+            arm.torque(True, park=value)
+
+    def test_an_input_error_has_one_traceback(self, arm: Arm) -> None:
+        with pytest.raises(ArmInputError) as error:
+            arm.move_to({PAN: 99.0})
+        assert error.value.__cause__ is None and (error.value.__suppress_context__ or error.value.__context__ is None)
 
     def test_an_array_has_one_position_for_each_joint(self, arm: Arm) -> None:
         target = np.array([0.2, -1.6, 1.2, 0.8, 0.1, 0.4])

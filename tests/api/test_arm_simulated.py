@@ -1,6 +1,7 @@
 """``Arm.simulated``: the contract of all arms in simulated time, and the features of simulated time."""
 
 import math
+import re
 import runpy
 import shutil
 import subprocess
@@ -526,6 +527,22 @@ def test_targets_cannot_be_sent_at_a_negative_rate(loaded: LoadedArm) -> None:
 def test_a_port_that_does_not_exist_is_named() -> None:
     with pytest.raises(ArmSetupError, match="/dev/ttyACM77 does not exist"):
         Arm("so101", port="/dev/ttyACM77")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"port": 3}, "port must be a string or a list of strings such as '/dev/ttyACM0', not 3"),
+        ({"port": ["/dev/ttyACM0", 4]}, "port must be a string or a list of strings"),
+        ({"port": {"arm": "/dev/ttyACM0"}}, "port must be a string or a list of strings"),
+        ({"name_or_folder": {}}, "name_or_folder must be a name or a path, not {}"),
+        ({"controllers": 3}, "controllers must be a path, not 3"),
+        ({"record": 3}, "record must be a path, not 3"),
+    ],
+)
+def test_an_argument_of_the_wrong_type_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ArmSetupError, match=re.escape(message)):
+        Arm(**{"name_or_folder": "so101", **options})
 
 
 @pytest.mark.parametrize("name", ["robot_arm", "koch"])

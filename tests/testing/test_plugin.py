@@ -1,5 +1,6 @@
 """Fixtures and markers of servoloop.testing, as used in tests of users."""
 
+import math
 from pathlib import Path
 from typing import Any, Self
 
@@ -291,6 +292,38 @@ def test_violated_invariants_fail_the_test_and_unknown_options_are_named(tmp_pat
     assert "invariants(without='safe wire') must be a list: ['safe wire']" in output
     assert "invariants accepts the lists also, without and examined, not 'safe wire'" in output
     assert "3 failed" in output and "4 errors" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("0", "seeds needs a count of at least 1, not 0"),
+        ("'2'", "seeds needs a count of at least 1, not '2'"),
+        ("True", "seeds needs a count of at least 1, not True"),
+        ("2, first=-1", "seeds needs a first seed of at least 0, not -1"),
+        ("", "write seeds(20) or seeds(20, first=5)"),
+    ],
+)
+def test_seeds_that_would_not_run_the_test_are_refused(tmp_path: Path, arguments: str, message: str) -> None:
+    from tests.testing.test_docs import pytest_in
+
+    (tmp_path / "test_it.py").write_text(
+        f"import pytest\n\n@pytest.mark.seeds({arguments})\ndef test_it(virtual_arm): ...\n"
+    )
+    output = pytest_in(tmp_path).stdout
+    assert message in output and "1 error" in output
+
+
+@pytest.mark.parametrize("seconds", [-1.0, math.nan, "1"])
+def test_a_time_to_run_must_be_at_least_zero(virtual_arm: VirtualArm, seconds: Any) -> None:
+    virtual_arm.up()
+    with pytest.raises(ArmTestError, match="the time to run must be at least 0 s, not"):
+        virtual_arm.run(seconds)
+
+
+def test_an_unknown_controller_type_is_refused_with_the_known_types(virtual_arm: VirtualArm) -> None:
+    with pytest.raises(ArmTestError, match=r"there is no controller type 'foo/Bar': choose one of .*/JointTraj"):
+        virtual_arm.load_controller("x", "foo/Bar")
 
 
 @pytest.mark.slow
