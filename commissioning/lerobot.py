@@ -22,7 +22,7 @@ from drivers.servos.angles import LARGEST_OFFSET
 from hal.plausible import Counts, NoTruth, ServoId
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.text_file import read_text
-from hal.yaml_file import error_text
+from hal.yaml_file import named_text
 from hal.yaml_nodes import compose, listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
@@ -66,9 +66,7 @@ def read_lerobot(path: Path) -> LerobotFile:
         return _FILE.validate_python(content)
     except ValidationError as error:
         place = places(path)
-        lines = [
-            f"{place(item['loc'])}: {'.'.join(map(str, item['loc']))}: {error_text(item)}" for item in error.errors()
-        ]
+        lines = [f"{place(item['loc'])}: {named_text(item)}" for item in error.errors()]
         raise CalibrationError("\n".join(listed(lines))) from error
 
 

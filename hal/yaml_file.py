@@ -1,7 +1,7 @@
 """Read YAML files as pydantic models. All errors in a file are reported together, each with its file and line."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from functools import partial
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
@@ -17,10 +17,20 @@ Model = TypeVar("Model", bound=BaseModel)
 _TEXTS: Final = {
     "missing": "is missing: add the key",
     "extra_forbidden": "is not a known key: correct or remove it",
+    "int_parsing_size": "has too many digits: use a smaller number",
+    "string_pattern_mismatch": "must match the pattern '{pattern}'{not_value}",
+    "union_tag_not_found": "has no {key}: add the key {key}",
+    "union_tag_invalid": "has the unknown {key} '{tag}': use one of {expected_tags}",
+    "too_short": "must have at least {min_length} {entries}, not {length}",
+    "too_long": "must have at most {max_length} {entries}, not {length}",
+    "string_too_short": "must have at least {min_length} {characters}, not {length}",
+    "string_too_long": "must have at most {max_length} {characters}, not {length}",
 }
-"""Messages, keyed by the type of pydantic error."""
+"""Messages, keyed by the type of pydantic error. The names are those of ``_parts``."""
 _SHOULD_BE: Final = "Input should be "
-_CAUSE: Final = re.compile(r", (unable to parse|got a number) .*$| or instance of \w+$")
+_CAUSE: Final = re.compile(
+    r", (unable to parse|unable to interpret|got a number) .*$| or instance of \w+$| or object to extract fields from$"
+)
 """Parts of pydantic's messages that ``error_text`` omits."""
 _WORDS: Final = {
     "greater than or equal to": "at least",
@@ -32,6 +42,9 @@ _WORDS: Final = {
     "a valid number": "a number",
     "a valid string": "a text",
     "a valid list": "a list",
+    "a valid tuple": "a list",
+    "a valid set": "a list",
+    "a valid frozenset": "a list",
     "a valid boolean": "true or false",
 }
 """Terms in pydantic's messages, and their replacements."""
@@ -87,7 +100,7 @@ def error_text(item: ErrorDetails) -> str:
     if item["type"] == "string_type" and isinstance(value, int | float):
         return f"{value} is read as a number: put the text in quotes ('{value}')"
     if text := _TEXTS.get(item["type"]):
-        return text
+        return text.format_map(_parts(item))
     message = item["msg"].removeprefix("Value error, ")
     if not message.startswith(_SHOULD_BE):
         return message
@@ -95,6 +108,25 @@ def error_text(item: ErrorDetails) -> str:
     for theirs, ours in _WORDS.items():
         wanted = wanted.replace(theirs, ours)
     return f"must be {wanted}{_not(value)}"
+
+
+def named_text(item: ErrorDetails) -> str:
+    """Return the message of ``error_text`` after the name of its key. An error of the whole model has no name."""
+    return ": ".join(filter(None, (".".join(map(str, item["loc"])), error_text(item))))
+
+
+def _parts(item: ErrorDetails) -> dict[str, object]:
+    """Return the values for the messages in ``_TEXTS``, which include those of pydantic."""
+    value, context = item["input"], item.get("ctx", {})
+    most = context.get("min_length", context.get("max_length"))
+    return {
+        **context,
+        "not_value": _not(value),
+        "key": str(context.get("discriminator", "")).strip("'"),
+        "entries": "entry" if most == 1 else "entries",
+        "characters": "character" if most == 1 else "characters",
+        "length": len(value) if isinstance(value, Sized) else context.get("actual_length"),
+    }
 
 
 def _not(value: object) -> str:

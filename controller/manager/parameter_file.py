@@ -1,5 +1,6 @@
 """Read ROS parameter files using rcl's rules for node names and value types."""
 
+import logging
 import math
 import re
 from collections.abc import Iterator
@@ -11,6 +12,8 @@ import yaml
 
 from hal.yaml_limits import TooDeep, TooLarge, check_size
 from hal.yaml_nodes import Loader, YamlFile, compose, listed
+
+LOG = logging.getLogger("servoloop.controller")
 
 ALL: Final = "/**"
 PARAMETERS: Final = "ros__parameters"
@@ -41,6 +44,8 @@ class _Reader:
     problems: list[str] = field(default_factory=list)
     _values: dict[str, int] = field(default_factory=dict)
     """Number of values of each node, keyed by node name."""
+    _lines: dict[str, int] = field(default_factory=dict)
+    """Line of each value, keyed by its path."""
 
     def report(self, node: yaml.Node, text: str) -> None:
         self.problems.append(f"{self.file.path}:{node.start_mark.line + 1}: {text}")
@@ -77,14 +82,22 @@ class _Reader:
             raise _TooMany(f":{line}: {name} has more than {MOST_VALUES} values: shorten its lists")
 
     def _parameters(self, mapping: yaml.Node, found: dict[str, Any], path: str) -> None:
-        for _, value, name in self._entries(mapping, path, "parameter"):
+        for key, value, name in self._entries(mapping, path, "parameter"):
             where = f"{path}.{name}"
             if isinstance(value, yaml.MappingNode):
                 group = found.get(name)
                 found[name] = group if isinstance(group, dict) else {}
                 self._parameters(value, found[name], where)
             else:
+                self._log_duplicate(key, where)
                 found[name] = self.value(value, where)
+
+    def _log_duplicate(self, key: yaml.Node, where: str) -> None:
+        first, line = self._lines.get(where), key.start_mark.line + 1
+        self._lines[where] = line
+        if first is not None:
+            text = "%s:%d: %s replaces the value in line %d, as in rcl: remove one of them"
+            LOG.warning(text, self.file.path, line, where, first)
 
     def value(self, node: yaml.Node, where: str) -> Any:
         """Return the value of the parameter named ``where``: a scalar or a list of scalars."""

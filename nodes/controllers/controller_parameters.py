@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from controller.parameters import Parameters
-from hal.yaml_file import error_text
+from hal.yaml_file import named_text
 
 BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
 
@@ -148,5 +148,5 @@ def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor)
 
 def _describe(error: ValueError) -> str:
     if isinstance(error, ValidationError):
-        return "; ".join(f"{'.'.join(map(str, item['loc']))}: {error_text(item)}" for item in error.errors())
+        return "; ".join(map(named_text, error.errors()))
     return str(error)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from controller.interface import Controller, ControllerType
 from controller.manager.claims import claim_mistakes
 from controller.manager_errors import ManagerError
-from hal.yaml_file import error_text
+from hal.yaml_file import named_text
 from servoloop.api.arm_errors import ArmEndedError, ArmInputError
 from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
@@ -33,7 +33,7 @@ def build_controller(stack: ControlStack, name: str, kind: ControllerType, param
             raise ArmInputError(f"{name}.{key} {text}")
         return kind.build(name, checked, stack.context)
     except ValidationError as error:
-        problems = "; ".join(f"{'.'.join(map(str, one['loc']))}: {error_text(one)}" for one in error.errors())
+        problems = "; ".join(map(named_text, error.errors()))
         raise ArmInputError(f"{name}: {problems}") from None
     except (ValueError, KeyError) as error:
         raise error if isinstance(error, ArmInputError) else ArmInputError(f"{name}: {error}") from error

@@ -417,7 +417,7 @@ def test_joints_of_a_hand_stop_without_moving_back_when_the_next_motion_begins(t
 
 def test_a_user_controller_needs_valid_parameters_and_releases_its_joints(loaded: LoadedArm) -> None:
     own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
-    with pytest.raises(ArmInputError, match="joint: Field required"):
+    with pytest.raises(ArmInputError, match="joint: is missing: add the key"):
         loaded.controller(own).__enter__()
     with pytest.raises(ArmInputError, match=r"own_controller\.joint names elbow"):
         loaded.controller(own, joint="elbow").__enter__()

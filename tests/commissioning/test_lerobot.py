@@ -359,3 +359,10 @@ def test_mistakes_in_both_files_are_reported_with_file_and_line(robot: Path) -> 
     path.write_text(path.read_text().replace('"id": 6', '"id": "six"'))
     with pytest.raises(CalibrationError, match=rf"theirs.json:{line + 1}: gripper.id: must be"):
         import_calibration(path, robot, JOINTS, PLANS)
+
+
+def test_a_file_that_is_not_a_mapping_is_reported_without_an_empty_name(robot: Path) -> None:
+    path = robot.with_name("theirs.json")
+    path.write_text("[1, 2]")
+    with pytest.raises(CalibrationError, match=r"theirs.json:1: must be a mapping$"):
+        import_calibration(path, robot, JOINTS, PLANS)

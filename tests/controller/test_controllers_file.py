@@ -170,6 +170,18 @@ def test_an_unknown_key_in_a_parameter_group_is_logged_with_its_line(
     assert f"controllers.yaml:15: arm_controller: parameter without effect: {unknown}\n" in caplog.text
 
 
+def test_the_last_value_of_a_duplicate_key_is_used_and_logged_with_both_lines(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    lines = "command_lead: 0.1\n    command_lead: 0.2\n"
+    file = load(tmp_path, PLAIN.replace("    state_interfaces", f"    {lines}    state_interfaces", 1))
+    assert arm_of(file).parameters.command_lead == 0.2
+    text = (
+        "controllers.yaml:16: arm_controller.command_lead replaces the value in line 15, as in rcl: remove one of them"
+    )
+    assert [line for line in caplog.messages if line.endswith(text)]
+
+
 def test_an_unknown_setting_of_a_controller_is_logged_with_its_line(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
