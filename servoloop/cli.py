@@ -119,6 +119,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=MARKUP,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
     help="Control a robot arm on serial bus servos, with or without ROS 2. The servos can be real or virtual.",
 )
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rosbags.typesys.stores import ros2_jazzy as ros
 
+from controller.diagnostics import LOOP, Level, Status
 from controller.gripper.goal import GripperGoal
 from controller.trajectory.goal import TrajectoryGoal
 from hal.robot_description.description import Description
@@ -87,7 +88,12 @@ class Messages:
         if sample.scene:
             yield self._of(SCENE, TF, stamp_s, self._transforms(sample.scene, stamp_s))
         if sample.diagnostics:
-            yield self._of("/diagnostics", DIAGNOSTICS, stamp_s, self._diagnostics(sample))
+            yield self._diagnostics(sample.diagnostics, stamp_s)
+
+    def of_failure(self, stamp_s: float) -> Recorded:
+        """Return the message for a loop that ended with an error, such as a lost arm, after its last cycle."""
+        text = "the control loop or its shutdown failed: check the log"
+        return self._diagnostics([Status(Level.ERROR, LOOP, text, "")], stamp_s)
 
     def of_transfers(self, transfers: Iterable[Transfer]) -> Iterator[Recorded]:
         """Return the messages for bus traffic after the last cycle."""
@@ -150,8 +156,8 @@ class Messages:
     def _transforms(self, poses: Iterable[LinkPose], stamp_s: float) -> object:
         return _TF([_transform(pose, self._header(stamp_s, pose.parent)) for pose in poses])
 
-    def _diagnostics(self, sample: CycleSample) -> object:
-        statuses = [
+    def _diagnostics(self, statuses: Iterable[Status], stamp_s: float) -> Recorded:
+        found = [
             _STATUS(
                 int(one.level),
                 one.name,
@@ -159,9 +165,9 @@ class Messages:
                 one.hardware_id,
                 [_KEY_VALUE(*item) for item in one.values.items()],
             )
-            for one in sample.diagnostics
+            for one in statuses
         ]
-        return _DIAGNOSTICS(self._header(sample.state.stamp_s), statuses)
+        return self._of("/diagnostics", DIAGNOSTICS, stamp_s, _DIAGNOSTICS(self._header(stamp_s), found))
 
 
 _TIME, _DURATION = ros.builtin_interfaces__msg__Time, ros.builtin_interfaces__msg__Duration

@@ -182,15 +182,16 @@ class RecordingFile:
         """Create the file. Raises RecordingError if the file cannot be created or already exists."""
         self.path = path
         self._messages = messages
-        self._begun = False
+        self._last_s: float | None = None
+        """Time of the last cycle, in seconds."""
         self._encode = typestore().serialize_cdr
         self._file = McapFile(path)
 
     def write(self, sample: CycleSample) -> None:
         """Write one cycle. Raises RecordingError."""
-        if not self._begun:
-            self._begun = True
+        if self._last_s is None:
             self._write(self._messages.latched(sample.state.stamp_s))
+        self._last_s = sample.state.stamp_s
         self._write(self._messages.of_cycle(sample))
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
@@ -205,8 +206,11 @@ class RecordingFile:
         self._file.flush()
 
     def close(self, transfers: Sequence[Transfer] = (), failed: bool = False) -> None:
-        """Write the bus traffic since the last cycle and the index, and close the file. Raises RecordingError."""
+        """Write the bus traffic since the last cycle and the index, and close the file. If the loop ended with an
+        error, also write a fault. Raises RecordingError."""
         self._write(self._messages.of_transfers(transfers))
+        if failed and self._last_s is not None:
+            self._write([self._messages.of_failure(self._last_s)])
         self._file.close()
 
     def _write(self, messages: Iterable[Recorded]) -> None:

@@ -17,12 +17,14 @@ from pick_place.settings import JobSettings
 from servoloop.cli import app
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import RecordedRun, read_recording
+from servoloop.recording.recorder import RecordingFile
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 from tests.recorder.reading import by_rosbags
+from tests.recorder.rig import Rig
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +63,18 @@ def test_a_recording_whose_name_is_not_utf8_is_plotted(recording: Path, tmp_path
     done = subprocess.run([sys.executable, "-m", "servoloop", "plot", path], capture_output=True)
     assert done.returncode == 0, done.stderr
     assert "<h1>x\\udcff.mcap</h1>" in path.with_suffix(".html").read_text()
+
+
+@pytest.mark.parametrize("failed", [False, True])
+def test_a_run_that_ended_with_an_error_has_a_fault_at_its_end(tmp_path: Path, failed: bool) -> None:
+    """A lost arm ends the loop, so that no further cycle shows the loss."""
+    rig = Rig()
+    file = RecordingFile(tmp_path / "run.mcap", rig.messages)
+    for sample in rig.run(0.5):
+        file.write(sample)
+    file.close((), failed)
+    run = read_recording(file.path)
+    assert run.faults == ([("control loop", run.time_s[-1], run.time_s[-1])] if failed else [])
 
 
 def test_page_needs_no_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:

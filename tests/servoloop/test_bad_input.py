@@ -244,6 +244,28 @@ def test_every_verb_has_help_with_an_example(
     assert f"Example: servoloop {verb}" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize("words", [(), ("goto",), ("scene",), ("scene", "add"), ("register", "read")])
+def test_the_short_help_option_prints_the_help(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servoloop", *words, "-h"])
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    assert exit_.value.code == 0
+    out = capsys.readouterr().out
+    assert "Show this message and exit." in out and " ".join(words) in out
+
+
+def test_the_help_shows_that_angles_are_separate_arguments(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servoloop", "goto", "--help"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    out = capsys.readouterr().out
+    assert "ROLL PITCH YAW" in out and "<float,float,float>" not in out
+
+
 def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_no_partial_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

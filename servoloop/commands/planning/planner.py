@@ -28,7 +28,9 @@ Triple = tuple[float, float, float]
 class PoseOptions:
     """Options for a pose, in addition to its position."""
 
-    rpy: Annotated[Triple | None, typer.Option("--rpy", help="Roll, pitch and yaw angles in rad.")] = None
+    rpy: Annotated[
+        Triple | None, typer.Option("--rpy", metavar="ROLL PITCH YAW", help="Roll, pitch and yaw angles in rad.")
+    ] = None
     frame: Annotated[str, typer.Option("--frame", help="Frame of the pose (default: the base of the arm).")] = ""
     network: NetworkOption = False
     namespace: NamespaceOption = ""

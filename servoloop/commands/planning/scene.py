@@ -47,7 +47,7 @@ def add(
             "a mesh."
         ),
     ],
-    at: Annotated[Triple, typer.Option("--at", help="Position of the center in m.")],
+    at: Annotated[Triple, typer.Option("--at", metavar="X Y Z", help="Position of the center in m.")],
     pose: PoseOptions,
 ) -> None:
     """Add an object to the scene.
