@@ -122,7 +122,7 @@ class ActionGoals(Generic[Handle]):
         key = bytes(server_goal.goal_id.uuid)
         if key in self._undecided:
             await self._undecided[key][1]
-        handle = self._handles.pop(key)
+        handle, aborted = self._handles.pop(key), False
         # If a cancel request was accepted just as the goal finished, the server considers the goal to be canceling.
         # A canceling goal cannot succeed.
         if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
@@ -131,11 +131,8 @@ class ActionGoals(Generic[Handle]):
             server_goal.succeed()
         else:
             server_goal.abort()
+            aborted = True
         result = self._result(handle)
-        if (
-            handle.status is GoalStatus.CANCELED
-            and not server_goal.is_cancel_requested
-            and hasattr(result, "error_string")
-        ):
+        if aborted and handle.status is GoalStatus.CANCELED and hasattr(result, "error_string"):
             result.error_string = STOPPED
         return result

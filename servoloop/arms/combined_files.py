@@ -8,9 +8,8 @@ from typing import Any, Final
 
 import yaml
 
-from controller.manager.controllers_file import MANAGER
 from controller.manager.parameter_file import ALL, PARAMETERS
-from controller.manager.sections import Sections
+from controller.manager.sections import MANAGER, Sections
 from hal.hal_errors import ArmFileError
 from hal.robot_description.link_meshes import PLACES
 from hal.robot_file.robot_file import RobotFile

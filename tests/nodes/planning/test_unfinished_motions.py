@@ -39,18 +39,27 @@ def test_an_unfinished_motion_is_reported_with_its_reason(status: int, text: str
     assert controller._reason(SimpleNamespace(status=status, result=SimpleNamespace(error_string=text))) == said
 
 
+class FakeGoal:
+    """Goal that is no longer canceling after its end, as in rclpy."""
+
+    goal_id = SimpleNamespace(uuid=b"1")
+
+    def __init__(self, requested: bool) -> None:
+        self.is_cancel_requested, self.end = requested, ""
+
+    def canceled(self) -> None:
+        self.is_cancel_requested, self.end = False, "canceled"
+
+    def abort(self) -> None:
+        self.end = "aborted"
+
+
 @pytest.mark.parametrize(("requested", "said"), [(False, STOPPED), (True, "")])
 def test_a_goal_that_another_client_canceled_is_reported_as_stopped(requested: bool, said: str) -> None:
     goals: Any = object.__new__(ActionGoals)
     goals._undecided, goals._handles = {}, {b"1": SimpleNamespace(status=Decided.CANCELED)}
     goals._result = lambda _: SimpleNamespace(error_string="")
-    ends: list[str] = []
-    server_goal: Any = SimpleNamespace(
-        goal_id=SimpleNamespace(uuid=b"1"),
-        is_cancel_requested=requested,
-        canceled=lambda: ends.append("canceled"),
-        abort=lambda: ends.append("aborted"),
-    )
+    server_goal = FakeGoal(requested)
     with pytest.raises(StopIteration) as ended:
         goals.execute(server_goal).send(None)
-    assert (ended.value.value.error_string, ends) == (said, ["canceled" if requested else "aborted"])
+    assert (ended.value.value.error_string, server_goal.end) == (said, "canceled" if requested else "aborted")
