@@ -26,6 +26,8 @@ AGREE_S: Final = 0.01
 seconds."""
 AGREE_COUNTS: Final = 3
 """Maximum difference between two readings that is always attributed to encoder noise, in counts."""
+AMBIGUOUS_SHARE: Final = 0.25
+"""Fraction of the range outside the limits of a joint, from each limit, that is clearly nearer to this limit."""
 FRESH_S: Final = 0.1
 """Maximum age of a measurement at the time torque is enabled, in seconds. An older measurement is repeated, because a
 limp joint may have dropped in the meantime.
@@ -193,6 +195,8 @@ class Activation:
         mode past the end of its turn, its goal becomes this end, because a later activation determines the turn of a
         servo from its goal.
         """
+        if joint in self._limp and (problem := _beyond_either_limit(joint, joint.position(counts))):
+            raise ActivationError(f"not activated: {self._called(joint)} {problem}")
         limits = self._setup.position_limits(joint)
         if limits is None:
             return min(max(counts, 0), joint.model.last_count) if series_of(joint.model) is X else counts
@@ -293,6 +297,23 @@ class Activation:
 
     def _called(self, joint: Joint) -> str:
         return f"{self._buses.label(joint)} (servo {joint.servo_id})"
+
+
+def _beyond_either_limit(joint: Joint, position: float) -> str:
+    """Return a message if a limp joint outside its limits may have been turned beyond either of them.
+
+    The encoder reports only the position within one turn. If almost a whole turn is within the limits, a position
+    between them can be beyond the upper or the lower limit. A wrong choice would drive the joint into a stop.
+    """
+    turn = abs(joint.units_per_count) * joint.model.counts_per_turn
+    lower, upper = joint.limits.lower, joint.limits.upper
+    outside = max(lower - position, position - upper)
+    if joint.seam_inside or joint.model.positions is not None or outside <= AMBIGUOUS_SHARE * (turn - upper + lower):
+        return ""
+    return (
+        f"is at {position:.4f}, which can be beyond its upper limit {upper:g} or beyond its lower limit {lower:g}. Move "
+        "the joint into its limits by hand"
+    )
 
 
 def counted_turns(joint: Joint, counts: int) -> str:

@@ -9,6 +9,7 @@ from controller.manager.manager import ControllerManager
 from drivers.servos import sts
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
+from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LeaderArm
@@ -103,3 +104,18 @@ def test_a_joint_that_is_turned_over_the_seam_by_hand_holds_when_its_torque_is_e
         run(1)
         assert shaft(bench) == pytest.approx(before, abs=30)
     driven.result()
+
+
+@pytest.mark.parametrize(("counts", "refused"), [(4030, False), (4040, False), (4090, True), (4100, True), (70, False)])
+def test_a_limp_joint_that_may_be_beyond_either_limit_gets_no_torque(counts: int, refused: bool) -> None:
+    """Its limits of 3.05 rad are at 60 and at 4036 counts. The encoder cannot tell beyond which limit the joint is."""
+    joint = Joint("joint6", 1, sts.STS3215, JointLimits(-3.05, 3.05, 4.0, 12.0, 120.0))
+    bench = Bench(counts=[counts], joints=(joint,)).configured()
+    if refused:
+        with pytest.raises(ActivationError, match=r"upper limit 3.05 or .* lower limit -3.05\. Move the joint"):
+            bench.hardware.activate()
+        assert bench.torque() == []
+    else:
+        bench.hardware.activate()
+        assert bench.torque() == [1]
+        assert bench.held(1, sts.goal_position) == counts
