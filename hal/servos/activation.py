@@ -311,8 +311,8 @@ def _beyond_either_limit(joint: Joint, position: float) -> str:
     if joint.seam_inside or joint.model.positions is not None or outside <= AMBIGUOUS_SHARE * (turn - upper + lower):
         return ""
     return (
-        f"is at {position:.4f}, which can be beyond its upper limit {upper:g} or beyond its lower limit {lower:g}. Move "
-        "the joint into its limits by hand"
+        f"is at {position:.4f}, which can be beyond its upper limit {upper:g} or beyond its lower limit {lower:g}. "
+        "Move the joint into its limits by hand"
     )
 
 
