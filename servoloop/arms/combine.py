@@ -97,7 +97,7 @@ def combine(folder: Path, arms: Mapping[str, str], bases: Mapping[str, BasePose]
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ArmFileError(f"{folder} already exists: choose another folder, or remove it first")
-    if not folder.resolve().name.isprintable():
+    if not resolved(folder).name.isprintable():
         raise ArmFileError(f"{folder.name!r} cannot be the name of an arm: use printable characters")
     made = combined(folder, arms, bases)
     for path in {(folder / file).parent for file in made}:

@@ -10,7 +10,6 @@ import typer
 from drivers.driver_errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.shared.console import text_console
-from servoloop.commands.shared.options import saved_folder
 from servoloop.stack.arm_options import RunningArm, RunningNamespace, SavedArm
 from servoloop.stack.terminal import print_styled
 
@@ -262,6 +261,7 @@ def remove(name: Name, arm: SavedArm = None, namespace: RunningNamespace = None)
 
 def _poses(arm: str | None, namespace: str | None) -> "Poses":
     """Return the poses of an arm, or of any folder that contains a pose file, such as a URDF's folder."""
+    from servoloop.commands.shared.options import saved_folder
     from servoloop.manual.poses import FILE, Poses
 
     if arm is not None and "/" in arm and (Path(arm) / FILE).is_file():

@@ -142,11 +142,11 @@ def record(
     joints = {joint.name: joint for joint in read_arm_files(find_arm(str(folder))).robot.joints}
     motions = MotionStore(folder)
     motions.require_writable()
+    if motions.path(name).exists():
+        confirm(f"The motion {name} already exists. Replace it?", yes)
     if selected.port:
         side = side_of(selected.arm or OWN, selected.port)
         require_ports(side.devices, side.files.robot.file)
-    if motions.path(name).exists():
-        confirm(f"The motion {name} already exists. Replace it?", yes)
     _print_and_confirm(release_question([servo_name(joint) for joint in joints.values()]) if limp else SOFT, yes)
 
     teacher = Teacher(text_console(highlight=False))

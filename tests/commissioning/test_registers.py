@@ -146,7 +146,7 @@ def test_torque_is_refused_while_a_servo_counts_turns_that_it_would_drop() -> No
     line = line_of(x.XL430_W250)
     line.servos.servo(3).firmware._turned = -2 * 4096
     line.servos.servo(3).firmware._place_seam()
-    with pytest.raises(CommissioningError, match=r"includes full turns.*'servoloop reboot 3'"):
+    with pytest.raises(CommissioningError, match=r"includes full turns.*'servoloop reboot 3 --port virtual'"):
         write(line, "torque_enable", 1, torque=True)
     assert line.held(3, x.torque_enable) == 0
 

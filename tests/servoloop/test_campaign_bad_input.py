@@ -182,7 +182,7 @@ def test_a_promise_that_some_run_can_keep_is_accepted(tmp_path: Path) -> None:
             "2: elbow_flex parks at -0.808, outside -0.5 to 0.1: widen the range",
         ),
         ("seconds: 2\nspeed: 2\n", "2: speed: is not a known key"),
-        ("seconds: 2\nclients: [{kind: moves}]\n", "2: clients.0: Input tag 'moves' found using 'kind' does not match"),
+        ("seconds: 2\nclients: [{kind: moves}]\n", "2: clients.0: has the unknown kind 'moves': use one of "),
     ],
 )
 def test_a_schedule_is_refused_with_one_sentence_and_its_line(

@@ -250,7 +250,7 @@ def test_commands_list_and_delete_motions(arm: Path) -> None:
     (found,) = json.loads(run(app, ["teach", "list", "--arm", str(arm), "--json"]).output).values()
     assert found == {"kind": "path", "joints": list(NAMES), "points": 2, "duration_s": 1.5}
     assert run(app, ["teach", "remove", "wave", "--arm", str(arm)]).exit_code == 0
-    assert run(app, ["teach", "list", "--arm", str(arm)]).output == ""
+    assert run(app, ["teach", "list", "--arm", str(arm)]).output.startswith("no motions are saved in ")
 
 
 def test_bad_files_do_not_hide_the_other_motions_and_can_be_deleted(arm: Path) -> None:
