@@ -90,7 +90,7 @@ def test_the_model_number_is_the_two_bytes_in_the_order_of_the_series(name: str,
 
 
 def test_a_model_of_an_unknown_make_has_no_series() -> None:
-    with pytest.raises(ValueError, match="other is not a supported servo model: .* lists all models"):
+    with pytest.raises(ValueError, match=r"other is not a supported servo model: .* lists all models"):
         series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 
 
