@@ -130,7 +130,7 @@ def test_the_commands_take_an_address_and_ask_before_a_write(
         (("read", "--address", "65"), "--address and --size must be used together"),
         (("write", "led"), "pass a name and a value, or --address, --size and a value"),
         (("write", "led", "1", "--address", "65", "--size", "1"), "pass a name and a value, or --address"),
-        (("write", "on", "--address", "65", "--size", "1"), "the value must be a whole number, not 'on'"),
+        (("write", "on", "--address", "65", "--size", "1"), "the value must be a whole decimal number, not 'on'"),
     ],
 )
 def test_a_name_and_an_address_exclude_each_other(

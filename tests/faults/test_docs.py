@@ -108,7 +108,7 @@ def test_all_kinds_are_listed_as_json() -> None:
 
 
 def test_errors_name_the_missing_emulator_and_the_wrong_faults(tmp_path: Path) -> None:
-    assert "check that it is running" in str(fault(str(tmp_path / "bus"), "silent id=3").exception)
+    assert "no emulator serves" in str(fault(str(tmp_path / "bus"), "silent id=3").exception)
     assert "LINK" in str(fault().exception)
     broken = tmp_path / "faults.yaml"
     broken.write_text("- {kind: silent}\n")
