@@ -108,7 +108,7 @@ class StsBench:
 
 
 def step(size: int) -> list[int]:
-    """Return the positions during a step relative to its start, under the conditions of the recording."""
+    """Simulate a step of the goal under the conditions of the recording. Return the positions relative to the start."""
     bench = StsBench.recorded()
     start = bench.read(sts.present_position)
     bench.write(sts.goal_position, start + size)

@@ -234,7 +234,7 @@ class ByHand:
         """
         turn = joint.model.counts_per_turn
         first = self._pose(joint, plan)
-        apart = [0, shortest(round(first), round(self._pose(joint, plan, "turn it away, then back again. ")), turn)]
+        apart = [0, shortest(round(first), round(self._pose(joint, plan, "turn it out of this pose and back. ")), turn)]
         if abs(apart[1]) > PLACE_RAD * turn / tau:
             self._guide.say(f"{joint.name}: the two poses are {abs(apart[1]) * tau / turn:.3f} rad apart")
             apart.append(shortest(round(first), round(self._pose(joint, plan, "show the pose a third time. ")), turn))

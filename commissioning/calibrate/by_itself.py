@@ -164,7 +164,7 @@ class ByItself:
         return FoundZero(Travel(floor(counts), ceil(counts)), sign, counts, position, offset)
 
     def _travel(self, arm: SlowArm, index: int, sign: int, begun: int, offset: int) -> FoundZero:
-        """Find both stops of a joint and the anchor of its zero."""
+        """Find both stops of a joint. Return them with the counts and the joint position at its zero reference."""
         joint, plan = self._joints[index], self._plan.joints[self._joints[index].name]
         self._watcher.say(f"{joint.name} moves to its stops")
         travel = Travel(

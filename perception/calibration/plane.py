@@ -73,7 +73,7 @@ def calibrate_plane(view: BoardView, intrinsics: Intrinsics, place: BoardPlace) 
             ": calibrate the intrinsics of this camera first, and lay the board flat"
         )
     if position_m[2] <= place.height_m:
-        raise CalibrationRefused("the camera is below the board: lay the board on the table with its print upward")
+        raise CalibrationRefused("the camera is below the board: lay the board on the table printed side up")
     return PlaneReport(CameraPose(rotation, position_m, place.height_m, intrinsics.name), error_px)
 
 

@@ -112,7 +112,7 @@ class PositionSphere:
         _check_tolerance(self.radius_m, "position tolerance", " m")
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the vectors from the region to offsets outside the region.
+        """Return the vector from the region to each offset. It is zero for an offset inside the region.
 
         Args:
             offsets: Offsets from the center (k, 3), in m.

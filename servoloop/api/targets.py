@@ -59,7 +59,7 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
             raise ArmInputError(f"duration must be a finite time above 0 s, not {duration}")
     share = SPEED if speed is None else checked_number("speed", speed)
     if not 0.0 < share <= 1.0:
-        raise ArmInputError(f"speed must be a fraction of the velocity limits above 0 and at most 1, not {speed}")
+        raise ArmInputError(f"speed must be above 0 and at most 1, as a fraction of the velocity limits, not {speed}")
     return duration, share
 
 

@@ -50,7 +50,7 @@ BAD_TARGETS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "nothing": ({}, {}, "no joint is specified"),
     "no time": ({"elbow_flex": 0.1}, {"duration": 0.0}, "duration must be a finite time above 0 s, not 0.0"),
     "infinite time": ({"elbow_flex": 0.1}, {"duration": math.inf}, "duration must be a finite time above 0 s, not inf"),
-    "too fast": ({"elbow_flex": 0.1}, {"speed": 1.5}, "speed must be a fraction of the velocity limits"),
+    "too fast": ({"elbow_flex": 0.1}, {"speed": 1.5}, "speed must be above 0 and at most 1"),
     "both": ({"elbow_flex": 0.1}, {"speed": 0.5, "duration": 1.0}, "duration and speed cannot be combined"),
 }
 PAN = "shoulder_pan"

@@ -18,7 +18,7 @@ COUPLINGS = [
 
 
 class Arm:
-    """Seven servos on two supplies with the same voltage, one of which sags strongly."""
+    """Seven servos on two supplies with the same voltage. The voltage of one supply sags strongly under load."""
 
     def __init__(self) -> None:
         self.world = World()

@@ -146,4 +146,6 @@ def _reset(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
         "again. Check the supply and the plugs. Then support the arm, disable the torque "
         "of all servos, and start the arm again"
     )
-    return finding("was_reset", place_of(bus, servo), "a joint jerks, or is stronger than its torque limit", cause)
+    return finding(
+        "was_reset", place_of(bus, servo), "a joint jerks, or pushes harder than its torque limit allows", cause
+    )

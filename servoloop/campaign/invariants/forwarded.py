@@ -130,4 +130,4 @@ class ForwardedIsFollowed(Invariant):
                 continue
             self.examined += 1
             if abs(command - wanted) > FORWARDED_SHARE * range_:
-                self.say(f"{joint} was sent to {wanted:.4f} {lasted_s:.1f} s ago, but is commanded to {command:.4f}")
+                self.say(f"{joint} is commanded to {command:.4f}, although {wanted:.4f} was sent {lasted_s:.1f} s ago")
