@@ -10,7 +10,7 @@ from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
-from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
+from servoloop.campaign.invariants.invariant import DECEIVING, Invariant, reports_error
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
@@ -122,7 +122,7 @@ class ActivatedAsConfigured(Invariant):
             try:
                 request.result()
             except Exception as error:
-                if all(self._healthy(joint.name) for joint in self._blamed(str(error))):
+                if all(map(self._healthy, self._blamed(str(error)))):
                     self.say(f"{request} was refused without a fault: {error}")
 
     def _within_limits(self) -> bool:
@@ -134,10 +134,12 @@ class ActivatedAsConfigured(Invariant):
         words = set(re.findall(r"\w+", text))
         return [j for j in self.joints if j.name in words or f"servo {j.servo_id}" in text] or self.joints
 
-    def _healthy(self, joint: str) -> bool:
-        """Return whether no fault can prevent the activation of a joint."""
-        touches = self.stack.touches
-        return touches.since_s(joint) > RECOVERED_S and not touches.kinds(joint) & (DECEIVING | CHANGES - LOSSES)
+    def _healthy(self, joint: Joint) -> bool:
+        """Return whether no fault, and no alarm of the servo, can prevent the activation of a joint."""
+        name, touches = joint.name, self.stack.touches
+        if reports_error(joint, self.servos[name]) or touches.since_s(name) <= RECOVERED_S:
+            return False
+        return not touches.kinds(name) & (DECEIVING | CHANGES - LOSSES)
 
     def _examine_softness(self) -> None:
         """Check that the torque limits are reduced while the arm is guided by hand, and restored some time later."""
