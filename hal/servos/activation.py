@@ -7,14 +7,12 @@ from typing import Final
 from drivers.bus.retry import ATTEMPTS
 from drivers.clock import Clock
 from drivers.driver_errors import ServoCorrupt, ServoSilent
-from drivers.servos.catalog import series_of
-from drivers.servos.dynamixel import X
 from drivers.types import Reading, ServoGoal, ServoState
 from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_setup import ServoSetup
-from hal.types import far_outside
+from hal.servos.start_goal import start_goal
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -26,8 +24,6 @@ AGREE_S: Final = 0.01
 seconds."""
 AGREE_COUNTS: Final = 3
 """Maximum difference between two readings that is always attributed to encoder noise, in counts."""
-AMBIGUOUS_SHARE: Final = 0.25
-"""Fraction of the range outside the limits of a joint, from each limit, that is clearly nearer to this limit."""
 FRESH_S: Final = 0.1
 """Maximum age of a measurement at the time torque is enabled, in seconds. An older measurement is repeated, because a
 limp joint may have dropped in the meantime.
@@ -128,7 +124,9 @@ class Activation:
     def _take_goals(self, joints: Sequence[Joint]) -> None:
         """Use the measured joint positions as goals. Raises ActivationError if the arm must not hold a position."""
         states = self._confirmed()
-        self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
+        for joint in joints:
+            counts, limp = states[joint.name].position_counts, joint in self._limp
+            self._goals[joint.name] = start_goal(joint, counts, self._called(joint), self._setup, limp)
 
     def _take_fresh_goals(self, joints: Sequence[Joint]) -> None:
         """Measure goals until they are recent enough to be written.
@@ -167,46 +165,6 @@ class Activation:
             raise ActivationError("not activated: " + "; ".join(silent))
         self._measured(readings)
         return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
-
-    def _start_goal(self, joint: Joint, state: ServoState) -> int:
-        """Return the measured position as the first goal of a joint.
-
-        Raises:
-            ActivationError: The joint is too far outside its limits, or the position is outside the servo's own limits.
-        """
-        position = joint.position(state.position_counts)
-        lower, upper = joint.limits.lower, joint.limits.upper
-        if problem := far_outside(position, joint.limits):
-            if counted_turns(joint, state.position_counts):
-                raise ActivationError(
-                    f"not activated: {self._called(joint)} {problem}. {counted_turns(joint, state.position_counts)}"
-                )
-            raise ActivationError(
-                f"not activated: {self._called(joint)} {problem}. Move the joint by hand, or calibrate "
-                "the arm with 'servoloop calibrate' (or correct zero_counts)"
-            )
-        return state.position_counts if lower <= position <= upper else self._outside(joint, state.position_counts)
-
-    def _outside(self, joint: Joint, counts: int) -> int:
-        """Return the first goal of a joint outside its limits, after a check of the servo's own limits.
-
-        A servo outside its own limits moves back to them as soon as its torque is enabled. For positions within the
-        joint limits, this was already checked during setup. If something pushes a driven servo in extended position
-        mode past the end of its turn, its goal becomes this end, because a later activation determines the turn of a
-        servo from its goal.
-        """
-        if joint in self._limp and (problem := _beyond_either_limit(joint, joint.position(counts))):
-            raise ActivationError(f"not activated: {self._called(joint)} {problem}")
-        limits = self._setup.position_limits(joint)
-        if limits is None:
-            return min(max(counts, 0), joint.model.last_count) if series_of(joint.model) is X else counts
-        if not limits[0] <= counts <= limits[1]:
-            raise ActivationError(
-                f"not activated: {self._called(joint)} is at {counts} counts, outside the servo's own limits "
-                f"{limits[0]} to {limits[1]}, so the servo would jump to the nearer limit. Move the joint by hand, or "
-                "widen the servo's limits"
-            )
-        return counts
 
     def _check_turn(self, joint: Joint) -> None:
         """Check that a servo whose torque is enabled is not holding its position in a different turn.
@@ -297,36 +255,6 @@ class Activation:
 
     def _called(self, joint: Joint) -> str:
         return f"{self._buses.label(joint)} (servo {joint.servo_id})"
-
-
-def _beyond_either_limit(joint: Joint, position: float) -> str:
-    """Return a message if a limp joint outside its limits may have been turned beyond either of them.
-
-    The encoder reports only the position within one turn. If almost a whole turn is within the limits, a position
-    between them can be beyond the upper or the lower limit. A wrong choice would drive the joint into a stop.
-    """
-    turn = abs(joint.units_per_count) * joint.model.counts_per_turn
-    lower, upper = joint.limits.lower, joint.limits.upper
-    outside = max(lower - position, position - upper)
-    if joint.seam_inside or joint.model.positions is not None or outside <= AMBIGUOUS_SHARE * (turn - upper + lower):
-        return ""
-    return (
-        f"is at {position:.4f}, which can be beyond its upper limit {upper:g} or beyond its lower limit {lower:g}. "
-        "Move the joint into its limits by hand"
-    )
-
-
-def counted_turns(joint: Joint, counts: int) -> str:
-    """Explain a reading that is outside the servo's range by whole turns. For any other reading, the explanation is
-    empty."""
-    if not (turns := joint.turns(counts)):
-        return ""
-    number = "a turn" if abs(turns) == 1 else f"{abs(turns)} turns"
-    return (
-        f"The servo reports {counts} counts, which is outside 0 to {joint.model.last_count}: it has counted {number}. "
-        "Hold the arm, and switch the servos' supply off and on. Do not change zero_counts, because the new value "
-        "would be wrong afterwards"
-    )
 
 
 def _agree(joint: Joint, one: ServoState, other: ServoState) -> bool:

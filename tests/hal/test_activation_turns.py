@@ -9,9 +9,9 @@ from drivers.bus.single_servo import SingleServo
 from drivers.driver_errors import ServoRefused, ServoSilent
 from drivers.servos import sts
 from hal.hal_errors import ActivationError
-from hal.servos.activation import counted_turns
 from hal.servos.fault_log import FaultLog
 from hal.servos.servo_setup import forget_turns
+from hal.servos.start_goal import counted_turns
 from hal.types import JointCommand
 from tests.hal.bench import JOINTS, PERIOD_S, Bench
 

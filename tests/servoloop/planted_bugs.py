@@ -45,7 +45,7 @@ from hal.gate import Gated, SafetyGate
 from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.leaps import Plausibility
-from hal.servos import activation, servo_goals, servo_setup
+from hal.servos import activation, servo_goals, servo_setup, start_goal
 from hal.servos.activation import Activation
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_hardware import ServoHardware
@@ -498,7 +498,7 @@ def joints_outside_their_limits_return_at_full_speed(patch: pytest.MonkeyPatch) 
 
 @detected_by("activated as configured")
 def joints_far_outside_their_limits_are_activated(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(activation, "far_outside", lambda *_: "")
+    patch.setattr(start_goal, "far_outside", lambda *_: "")
     patch.setattr(loop, "far_outside", lambda *_: "")
 
 

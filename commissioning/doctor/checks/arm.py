@@ -7,7 +7,7 @@ from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, ServoSnapshot, on, write
 from hal.robot_file.calibration_file import CalibrationFile
-from hal.servos.activation import counted_turns
+from hal.servos.start_goal import counted_turns
 from hal.types import far_outside
 
 
