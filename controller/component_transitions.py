@@ -284,13 +284,13 @@ class ComponentTransitions:
                 self._switch_off(component, undo=transition.reactivated is None)
             transition.refuse(error)
             return
-        self._resume(self._ended_for(transition), state)
+        self._resume(self._to_resume(transition), state)
         if transition.error_in_background is not None:
             transition.refuse(transition.error_in_background)
         else:
             transition.serve()
 
-    def _ended_for(self, transition: ComponentTransition) -> list[str]:
+    def _to_resume(self, transition: ComponentTransition) -> list[str]:
         """Return the controllers to activate after a transition.
 
         If a stream or freedrive of a program has ended during the transition, its joints return to the controllers that

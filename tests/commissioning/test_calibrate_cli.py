@@ -163,8 +163,8 @@ def test_an_unknown_joint_in_the_plan_ends_an_automatic_calibration_before_it_be
 def test_the_hand_command_refuses_arguments_without_effect(
     words: tuple[str, ...], message: str, tmp_path: Path
 ) -> None:
-    told = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), *words])
-    assert message in str(told.exception)
+    result = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), *words])
+    assert message in str(result.exception)
 
 
 def test_the_hand_command_reports_impossible_actions_and_missing_hands(tmp_path: Path) -> None:
@@ -172,5 +172,5 @@ def test_the_hand_command_reports_impossible_actions_and_missing_hands(tmp_path:
         PortError, match=r"no emulator serves \S+/bus \(No such file or directory\): start 'servoloop emu"
     ):
         ask(control_path(tmp_path / "bus"), {"do": "look"})
-    told = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), "move", "elbow_flex", "-0.5"])
-    assert "no emulator serves" in str(told.exception), "a negative number is no option"
+    result = CliRunner().invoke(app, ["hand", str(tmp_path / "bus"), "move", "elbow_flex", "-0.5"])
+    assert "no emulator serves" in str(result.exception), "a negative number is not an option"

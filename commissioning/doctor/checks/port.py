@@ -1,13 +1,13 @@
 """Check the ports: missing, denied, busy or moved ports, and adapters that delay replies."""
 
-import os
 from collections.abc import Iterator
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Final
 
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ArmSnapshot, BusSnapshot, PortProblem
 from commissioning.ports.adapters import Adapter, Complaint, PortsReport
+from drivers.paths import resolved
 
 UNPLUGGED: Final = "the adapter's port does not exist"
 SYMPTOMS: Final[dict[PortProblem, tuple[str, str]]] = {
@@ -31,7 +31,7 @@ def check_ports(snapshot: ArmSnapshot, report: PortsReport | None) -> Iterator[F
     adapters = report.adapters if report else ()
     for bus in snapshot.buses:
         place = FindingPlace(bus=bus.name)
-        own = [one for one in adapters if os.path.realpath(bus.port) in _places(one)]
+        own = [one for one in adapters if resolved(bus.port) in _places(one)]
         if bus.problem:
             yield _not_open(bus, bus.problem, own)
         if bus.problem == "missing":
@@ -62,7 +62,7 @@ def _gone(
         if kind:
             symptom = f"{bus.port}: the port disappears at once or never appears"
             yield finding(kind, place, symptom, _sentence(complaint.text), complaint.command)
-    used = {os.path.realpath(one.port) for one in snapshot.buses}
+    used = {resolved(one.port) for one in snapshot.buses}
     others = [one for one in report.adapters if one.vid is not None and used.isdisjoint(_places(one))]
     if len(others) == 1:
         lasting = others[0].by_id or others[0].device
@@ -71,9 +71,9 @@ def _gone(
         yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} anymore", _moved_to(others[0]), command)
 
 
-def _places(adapter: Adapter) -> set[str]:
+def _places(adapter: Adapter) -> set[Path]:
     """Return the paths to which the names of an adapter lead. A bus may be opened through any link to the device."""
-    return {os.path.realpath(name) for name in (adapter.device, adapter.by_id) if name}
+    return {resolved(name) for name in (adapter.device, adapter.by_id) if name}
 
 
 def _moved_to(adapter: Adapter) -> str:
