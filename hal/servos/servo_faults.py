@@ -102,6 +102,11 @@ class ServoFaults:
         """Joints that have a fault or do not receive goals."""
         return frozenset(self._faults) | self.withheld
 
+    @property
+    def limp(self) -> frozenset[str]:
+        """Joints whose servos were found with their torque disabled, and have not been activated again."""
+        return frozenset(name for name, fault in self._faults.items() if fault.kind == "no_torque")
+
     def reactivated(self, names: Iterable[str]) -> None:
         """Discard the faults of joints that have been reactivated."""
         known = set(names)
@@ -201,9 +206,8 @@ class ServoFaults:
             self._checked_s = dict.fromkeys((joint.name for joint in self._joints), self._clock.now())
         else:
             for joint in [joint for joint in back if joint.name in self._released]:
-                self._refuse(
-                    joint, buses, self._released[joint.name]
-                )  # replaces the fault if the servo was silent in between
+                # This replaces the fault if the servo was silent in between.
+                self._refuse(joint, buses, self._released[joint.name])
             begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
             if back:
@@ -272,11 +276,11 @@ class ServoFaults:
     def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
         """Return the joints whose torque has not been checked for ``for_s`` seconds, starting with the longest
         unchecked."""
-        until_s, checked, faults = self._clock.now() - for_s, self._checked_s, self._faults
+        until_s, checked = self._clock.now() - for_s, self._checked_s
         if min(checked.values(), default=math.inf) > until_s:  # the usual case, and much faster
             return []
-        limp = {name for name, fault in faults.items() if fault.kind == "no_torque"}
-        unseen = [joint for joint in self._joints if joint.name in measured and joint.name not in limp]
+        driven = measured.keys() - self.limp
+        unseen = [joint for joint in self._joints if joint.name in driven]
         return sorted((one for one in unseen if checked[one.name] <= until_s), key=lambda joint: checked[joint.name])
 
     def _rejoin(self, name: str) -> None:

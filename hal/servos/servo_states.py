@@ -56,14 +56,12 @@ class ServoStates:
         Args:
             readings: Servo readings, keyed by joint name.
             buses: Buses of the joints, with their counters.
-            ask_until_s: Clock time until which servos may be asked whether their torque is enabled. None if the
-                component is not active.
+            ask_until_s: Clock time until which torque may be checked. None if the component is not active.
         """
         now_s, last = self._clock.now(), self._last
         # Floats are faster here than arrays of a few joints. Joints without a reading keep their last known values.
         position, velocity, effort = last.position.tolist(), last.velocity.tolist(), last.effort.tolist()
-        health = dict(last.health)
-        counters = buses.counters()
+        health, counters = dict(last.health), buses.counters()
         self.measured.clear()
         if ask_until_s is None:
             self._seams.forget()
@@ -93,6 +91,8 @@ class ServoStates:
         finally:
             if self.faults.log.events:
                 self.faults.log.flush()
+        if faults:
+            self._seams.forget(self.faults.limp)  # a limp joint can be turned by hand by whole turns
         lines = {buses.port(name): account for name, account in counters.items()}
         arrays = np.array(position), np.array(velocity), np.array(effort)
         self._last = JointState(self._clock.now(), *arrays, faults, health, lines=lines)

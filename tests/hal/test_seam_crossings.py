@@ -13,6 +13,7 @@ from hal.hal_errors import ActivationError
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.servos.leader_arm import LeaderArm
+from hal.servos.servo_faults import RESET_S
 from hal.types import JointLimits
 from tests.hal.bench import PERIOD_S, Bench, at
 
@@ -75,6 +76,32 @@ def test_a_leader_that_is_turned_by_one_turn_is_where_it_was() -> None:
         bench.place([counts])
         state = bench.wait()
     assert state.position[0] == pytest.approx(0.0, abs=0.01) and state.faults == {}
+
+
+@pytest.mark.parametrize("end", [5096, -3096])
+def test_a_joint_that_has_lost_its_torque_is_believed_within_a_single_turn(end: int) -> None:
+    """The joint loses its torque while its component is active, and is turned by hand over the seam."""
+    bench = Bench(counts=[1000], joints=(ROLL,)).active()
+    here = at(ROLL.position(1000))
+    for _ in range(20):
+        bench.cycle(here)
+    bench.servos.faults.silence(1)
+    for _ in range(round(2 * RESET_S / PERIOD_S)):
+        bench.cycle(here)
+    bench.servos.servo(1).power_cycle()
+    bench.servos.faults.restore(1)
+    step = 64 if end > 1000 else -64
+    for counts in (*range(1000, end, step), *[end] * 3):
+        bench.place([counts])
+        state = bench.cycle(here)
+    assert state.faults["roll"].kind == "no_torque"
+    assert state.position[0] == pytest.approx(here[0], abs=0.01)
+    bench.hardware.reactivate()
+    assert bench.torque() == [1]
+    before = shaft(bench)
+    for _ in range(40):
+        bench.cycle(here)
+        assert shaft(bench) == pytest.approx(before, abs=30)
 
 
 @pytest.mark.parametrize("end", [4230, 3900 + 4096])
