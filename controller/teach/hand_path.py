@@ -73,7 +73,7 @@ class HandPath:
 
     def thinned(self, tolerance: FloatArray) -> Self:
         """Return the path without unnecessary knots. The new path passes within ``tolerance`` (n,) of each removed
-        knot.
+        knot, and leaves the range of the knots by ``tolerance`` at most.
 
         This is the Douglas-Peucker algorithm with cubics instead of straight chords.
         """
@@ -86,7 +86,7 @@ class HandPath:
                 continue
             found, _ = _cubic(self, np.full(len(between), first), np.full(len(between), last), self.times_s[between])
             off = (np.abs(found - self.position[between]) / tolerance).max(axis=1)
-            if off.max() > 1.0:
+            if off.max() > 1.0 or (_excursion(self, first, last) > tolerance).any():
                 worst = first + 1 + int(np.argmax(off))
                 kept.add(worst)
                 open_spans += [(first, worst), (worst, last)]
@@ -104,6 +104,25 @@ def _cubic(path: HandPath, first: np.ndarray, last: np.ndarray, times_s: FloatAr
     position: FloatArray = start + u * (out + u * (a + u * b))
     velocity: FloatArray = (out + u * (2.0 * a + 3.0 * u * b)) / span_s
     return position, velocity
+
+
+def _excursion(path: HandPath, first: int, last: int) -> FloatArray:
+    """Return the distance (n,) by which the cubic from knot ``first`` to knot ``last`` leaves the range of the knots
+    from ``first`` to ``last``. The distance is negative if the cubic stays within the range."""
+    span_s, way = path.times_s[last] - path.times_s[first], path.position[last] - path.position[first]
+    out, back = path.velocity[first] * span_s, path.velocity[last] * span_s
+    a, b = 3.0 * way - 2.0 * out - back, out + back - 2.0 * way
+    # The speed out + 2 a u + 3 b u^2 is zero at the extremes of the cubic.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = -a - np.copysign(np.sqrt(a * a - 3.0 * b * out), a)
+        u = np.stack([q / (3.0 * b), out / q])
+    u = np.clip(np.nan_to_num(u, nan=0.0, posinf=0.0, neginf=0.0), 0.0, 1.0)
+    extremes = path.position[first] + u * (out + u * (a + u * b))
+    knots = path.position[first : last + 1]
+    distance: FloatArray = np.maximum(
+        knots.min(axis=0) - extremes.min(axis=0), extremes.max(axis=0) - knots.max(axis=0)
+    )
+    return distance
 
 
 def tolerances(limits: Sequence[JointLimits], share: float = TOLERANCE) -> FloatArray:
