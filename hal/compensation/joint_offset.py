@@ -87,7 +87,7 @@ class JointOffset:
         # If gravity turns a joint beyond its dead band, gravity also presses the gear against one side of the backlash.
         self._limit_cycle.update(error, at_rest and abs(sag) < self._dead_band, dt_s)
         self._rested_s = self._rested_s + dt_s if at_rest else 0.0
-        self._correct(before, error, dt_s, share)
+        self._correct(before, error, sag, dt_s, share)
         wanted = (
             self.offset if math.isnan(measured) else self._share * (sag + self._correction + self._limit_cycle.offset)
         )
@@ -100,17 +100,25 @@ class JointOffset:
     def _sag(self, torque: float) -> float:
         return min(max(torque, -self._load), self._load) * self._sag_per_torque
 
-    def _correct(self, before: float, error: float, dt_s: float, share: float) -> None:
-        """After the offset has fully faded in, integrate the remaining error of a joint at rest."""
+    def _correct(self, before: float, error: float, sag: float, dt_s: float, share: float) -> None:
+        """After the offset has fully faded in, integrate the remaining error of a joint at rest.
+
+        Load increases the friction of a gear, so a joint that gravity moves towards its goal can stop far from it. The
+        correction may therefore reduce the drive that carries the weight to zero, but it never reverses this drive.
+        """
+        lower, upper = -max(self._uncorrected, sag), max(self._uncorrected, -sag)
         if 0.0 < share < 1.0:
             self._correction -= self._correction * min(dt_s / CORRECTION_S, 1.0)
         elif self._limit_cycle.swinging:
             self._correction = 0.0
+        elif self._rested_s == 0.0:
+            usual = min(max(self._correction, -self._uncorrected), self._uncorrected)
+            self._correction += (usual - self._correction) * min(dt_s / CORRECTION_S, 1.0)
         elif (
             self._rested_s > REST_S
-            and self._dead_band < abs(error) < BLOCKED * self._uncorrected  # not for NaN
+            and self._dead_band < abs(error) < BLOCKED * (upper if error > 0.0 else -lower)  # not for NaN
             and self._lower < before + self.offset < self._upper
             and self._share >= 1.0
         ):
-            wanted = self._correction + error * min(dt_s / CORRECTION_S, 1.0)
-            self._correction = min(max(wanted, -self._uncorrected), self._uncorrected)
+            self._correction += error * min(dt_s / CORRECTION_S, 1.0)
+        self._correction = min(max(self._correction, lower), upper)

@@ -78,6 +78,26 @@ def test_its_servos_hold_the_ready_pose(name: str) -> None:
     assert np.abs(rig.world.position() - ready)[:-1].max() < 0.01
 
 
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ((0.0, 0.0, -1.2, 0.0, 0.0, 0.5), (0.0, 0.9, -1.2, 0.0, 0.0)),
+        ((0.0, -0.6, -1.4, 0.5, 0.0, 0.5), (0.0, -1.42, -1.49, 0.5, 0.0)),
+    ],
+)
+@pytest.mark.parametrize("seed", [None, 2])
+def test_an_arm_that_leans_out_reaches_its_goal(
+    start: tuple[float, ...], goal: tuple[float, ...], seed: int | None
+) -> None:
+    """The weight increases the friction of the gears, which holds the arm above its goal."""
+    rig = SimulatedStack(files=read_arm_files(find_arm("so101")), start=start, build=Build(seed=seed)).up()
+    rig.run(ACTIVATED_S)
+    handle = rig.go(goal)
+    rig.run(6.0)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert np.abs(rig.world.position()[:-1] - goal).max() < 0.005
+
+
 class SeenJob(UnpacedJob):
     """Job that checks the bins in each cycle, because a cube may be removed before the arm returns."""
 

@@ -108,6 +108,32 @@ def test_the_correction_is_limited_to_dead_band_and_friction() -> None:
     assert error == pytest.approx(0.5 * UNCORRECTED)
 
 
+def test_a_joint_that_friction_holds_above_its_goal_is_corrected_until_nothing_carries_it() -> None:
+    made, stiffness = GravityCompensation(JOINTS, GRAVITY), np.array([j.compliance.stiffness for j in JOINTS])
+    sag = GRAVITY.torques(LEANING) / stiffness
+    settled(made, LEANING)
+    above = LEANING + np.where(np.arange(7) == 1, 0.9 * sag, 0.0)
+    assert 0.9 * sag[1] > 2.0 * UNCORRECTED, "an error of this size in the other direction is not corrected"
+    for _ in range(200):
+        offset = made.offset(LEANING, above, PERIOD_S)
+    assert offset[1] == pytest.approx(0.0, abs=1e-12)
+    made.offset(LEANING + 0.001, above, PERIOD_S)
+    assert made.offset(LEANING + 0.002, above, PERIOD_S)[1] == pytest.approx(0.0, abs=0.2 * sag[1]), "no jump"
+    for cycle in range(100):
+        offset = made.offset(LEANING + 1e-4 * cycle, above, PERIOD_S)
+    assert offset[1] == pytest.approx(sag[1] - UNCORRECTED, rel=0.05), "a moving joint is carried again"
+
+
+def test_a_joint_that_hangs_below_its_goal_is_not_lifted_further() -> None:
+    made, stiffness = GravityCompensation(JOINTS, GRAVITY), np.array([j.compliance.stiffness for j in JOINTS])
+    sag = GRAVITY.torques(LEANING) / stiffness
+    settled(made, LEANING)
+    below = LEANING - np.where(np.arange(7) == 1, 0.9 * sag, 0.0)
+    for _ in range(200):
+        offset = made.offset(LEANING, below, PERIOD_S)
+    assert offset[1] == pytest.approx(sag[1])
+
+
 def test_a_blocked_joint_is_not_corrected() -> None:
     assert spring(GravityCompensation([SOFT], None), 0.0, 60.0, wall=-0.1) == (0.1, 0.0)
 
