@@ -1,12 +1,10 @@
-"""Bugs that tests plant in the stack, each with the invariants that may detect it."""
+"""Bugs in all parts of the stack, from goals to packets."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import count
 from types import SimpleNamespace
-from typing import Any, Final
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,25 +62,7 @@ from servoloop.command_server.motions import Motions
 from servoloop.command_server.ownership import Ownership
 from servoloop.command_server.requests import StackRequests
 from servoloop.command_server.session import Session
-
-Plant = Callable[[pytest.MonkeyPatch], None]
-BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
-
-
-def detected_by(*invariants: str) -> Callable[[Plant], Plant]:
-    """Register a bug with the invariants that may detect it."""
-
-    def register(plant: Plant) -> Plant:
-        BUGS[plant.__name__] = plant, frozenset(invariants)
-        return plant
-
-    return register
-
-
-def calls() -> Callable[[object], int]:
-    """Return a function that counts the calls with each object, so that a bug does not depend on earlier runs."""
-    counts: WeakKeyDictionary[object, Iterator[int]] = WeakKeyDictionary()
-    return lambda owner: next(counts.setdefault(owner, count(1)))
+from tests.servoloop.planted_bugs.registry import calls, detected_by
 
 
 @detected_by("goals mean commands", "success is true", "safe wire", "deviation ends a goal")

@@ -1,0 +1,1 @@
+"""Bugs in controllers, goals and their results."""

@@ -1,0 +1,1 @@
+"""Bugs in the hardware components and in the drivers."""

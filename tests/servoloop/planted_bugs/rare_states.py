@@ -1,0 +1,1 @@
+"""Bugs that show only in rare states of the hardware."""
