@@ -61,6 +61,12 @@ OWN_TOLERANCES: Final = 0.3
 """Fraction of goals that have their own tolerances."""
 TOLERANCES: Final = (0.01, 0.2)
 """Range of the goals' own tolerances, in rad or m."""
+GOAL_TOLERANCES: Final = (0.0005, 0.02)
+"""Range of the goals' own goal tolerances, in rad or m. Backlash and friction prevent many of them from being met."""
+GOAL_TIMES_S: Final = (0.05, 5.0)
+"""Range of the goals' own goal time tolerances, in seconds."""
+MIXED: Final = 0.5
+"""Fraction of goals that list their joints in an order that differs from that of the controller."""
 ENDS_EARLY: Final = 0.25
 """Fraction of runs that end in the middle of the actions and faults, as if the user stopped the program."""
 EARLIEST_S: Final = 1.0
@@ -187,9 +193,17 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
 def _arm_goal(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> FollowWaypoints | Move:
     if random.random() < 0.3:
         return _waypoints(random, joints, at_s)
-    tolerance = round(log_uniform(random, *TOLERANCES), 3) if random.random() < OWN_TOLERANCES else 0.0
+    own = _own_tolerances(random) if random.random() < OWN_TOLERANCES else {}
     positions, seconds = _positions(random, joints), round(random.uniform(0.3, 3.0), 2)
-    return Move(at_s=at_s, positions=positions, seconds=seconds, tolerance=tolerance)
+    return Move(at_s=at_s, positions=positions, seconds=seconds, mixed=random.random() < MIXED, **own)
+
+
+def _own_tolerances(random: Random) -> dict[str, Any]:
+    """Draw a tolerance for the path and the goal, or a goal tolerance that is hard to meet, with its own time."""
+    if random.random() < 0.5:
+        return {"tolerance": round(log_uniform(random, *TOLERANCES), 3)}
+    tolerance, goal_time_s = log_uniform(random, *GOAL_TOLERANCES), log_uniform(random, *GOAL_TIMES_S)
+    return {"at_end": True, "tolerance": round(tolerance, 4), "goal_time_s": round(goal_time_s, 2)}
 
 
 def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> FollowWaypoints:
@@ -210,7 +224,8 @@ def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
     if random.random() < 0.2:
         return Cancel(at_s=at_s)
     scale = random.choice([1.0, round(random.uniform(0.1, 1.0), 2)])
-    return FollowPlan(at_s=at_s, positions=_positions(random, joints), scale=scale)
+    mixed = random.random() < MIXED
+    return FollowPlan(at_s=at_s, positions=_positions(random, joints), scale=scale, mixed=mixed)
 
 
 def _stream(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:

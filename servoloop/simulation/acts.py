@@ -26,6 +26,12 @@ class Move(_Act):
     seconds: Duration = 2.0
     tolerance: Tolerance = 0.0
     """Path tolerance and goal tolerance of every joint, in rad or m, or 0 to use the controller's tolerances."""
+    at_end: bool = False
+    """Whether ``tolerance`` is only a goal tolerance. The path tolerances are then those of the controller."""
+    goal_time_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
+    """Goal time tolerance in seconds, or 0 to use that of the controller."""
+    mixed: bool = False
+    """Whether the goal lists the joints in reverse order."""
 
 
 class FollowPlan(_Act):
@@ -35,6 +41,8 @@ class FollowPlan(_Act):
     positions: dict[str, Position]
     scale: VelocityScale = 1.0
     """Fraction of the velocity limits that the planner uses."""
+    mixed: bool = False
+    """Whether the trajectory lists the joints in reverse order."""
 
 
 class FollowWaypoints(_Act):

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final, Protocol
 
@@ -190,7 +191,8 @@ class SimulatedClients:
     def _move(self, act: Move) -> None:
         each = dict.fromkeys(self._arm.joints, act.tolerance) if act.tolerance else {}
         point = GoalPoint(self._all(act.positions), act.seconds)
-        self._send(TrajectoryGoal(self._arm.joints, (point,), Tolerances(each, each)))
+        goal = TrajectoryGoal(self._arm.joints, (point,), Tolerances({} if act.at_end else each, each, act.goal_time_s))
+        self._send(_reversed(goal) if act.mixed else goal)
 
     def _plan(self, act: FollowPlan) -> None:
         limits = [_scaled(limit, act.scale) for limit in self._limits()]
@@ -199,7 +201,8 @@ class SimulatedClients:
             Kinematics.at_rest(here), Kinematics.at_rest(np.array(self._all(act.positions))), limits, 0.0
         )
         times_s = [*np.arange(TABLE_S, motion.duration_s, TABLE_S).tolist(), max(motion.duration_s, TABLE_S / 2.0)]
-        self._send(TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s)))
+        goal = TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s))
+        self._send(_reversed(goal) if act.mixed else goal)
 
     def _waypoints(self, act: FollowWaypoints) -> None:
         names = tuple(dict.fromkeys((*act.points[0], *self._arm.joints)))
@@ -348,6 +351,17 @@ def _point(state: Kinematics, time_s: float) -> GoalPoint:
     return GoalPoint(
         tuple(state.position.tolist()), time_s, tuple(state.velocity.tolist()), tuple(state.acceleration.tolist())
     )
+
+
+def _reversed(goal: TrajectoryGoal) -> TrajectoryGoal:
+    """Return the same goal with its joints in reverse order."""
+    points = tuple(
+        replace(
+            one, positions=one.positions[::-1], velocities=one.velocities[::-1], accelerations=one.accelerations[::-1]
+        )
+        for one in goal.points
+    )
+    return replace(goal, joints=goal.joints[::-1], points=points)
 
 
 def _scaled(limit: JointLimits, scale: float) -> JointLimits:

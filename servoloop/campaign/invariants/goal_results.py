@@ -18,6 +18,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 OFF: Final = re.compile(r"(?:violation|seconds): (\S+) is off by ([\d.]+), allowed is ([\d.]+)")
+LATE: Final = re.compile(r"goal_time_tolerance exceeding by ([\d.]+) seconds")
 CODES: Final = {
     "path tolerance": ErrorCode.PATH_TOLERANCE_VIOLATED,
     "goal_time_tolerance": ErrorCode.GOAL_TOLERANCE_VIOLATED,
@@ -82,6 +83,7 @@ class AbortsAreTrue(Invariant):
             if aborted:
                 self._examine(handle.error_code, handle.error_text)
                 self._examine_reason(logged)
+                self._examine_time(logged)
             if aborted != (handle.error_code != ErrorCode.SUCCESSFUL) or not _belongs(
                 handle.error_code, handle.error_text
             ):
@@ -112,6 +114,16 @@ class AbortsAreTrue(Invariant):
         active = self.stack.manager.registry.loaded[self.arm.name].active
         if active and self.active and not self.stack.ending and logged is self.newest_goal:
             self.say(f"a goal was aborted without a reason: {logged.handle.error_text}")
+
+    def _examine_time(self, logged: LoggedGoal) -> None:
+        """Check that a goal that ended too late had exceeded its own goal time tolerance."""
+        found = LATE.search(logged.handle.error_text)
+        if found is None:
+            return
+        self.examined += 1
+        allowed_s = logged.goal.tolerances.goal_time_s or self.arm.parameters.constraints.goal_time
+        if float(found[1]) < allowed_s:
+            self.say(f"a goal with a goal time tolerance of {allowed_s:g} s was aborted after {found[1]} s")
 
     def _cycles_unmeasured(self) -> int:
         """Return the largest number of consecutive cycles in which a joint of the arm was not measured."""
@@ -158,6 +170,8 @@ class FeedbackIsTrue(Invariant):
         measured: FloatArray = state.position[self._places]
         if not np.array_equal(tracking.feedback_position, measured, equal_nan=True):
             self.say("the position in the feedback differs from the measurement of the cycle")
+        if not np.array_equal(tracking.feedback_velocity, state.velocity[self._places], equal_nan=True):
+            self.say("the velocity in the feedback differs from the measurement of the cycle")
         error = tracking.reference.position - measured
         turn = np.round((error - tracking.error) / math.tau) * math.tau
         if not np.allclose(error - turn, tracking.error, atol=1e-9, equal_nan=True):
@@ -251,11 +265,18 @@ class SuccessIsTrue(Invariant):
         self._stalled, self._last_s = now_s - self._last_s > STALLED_CYCLES * self.stack.loop.period_s, now_s
         for logged in self.stack.ended_goals:
             if logged.handle.status is GoalStatus.SUCCEEDED:
+                self._examine_measured(logged, state)
                 self._arrived(logged, state)
                 for arm in self.stack.arms:
                     if arm.name == logged.controller and not _oscillates(arm.tracking):
                         self._examine_rest(arm.joints, state)
         self._before = self.stack.world.position()
+
+    def _examine_measured(self, logged: LoggedGoal, state: JointState) -> None:
+        """Check that all joints of a successful goal were measured."""
+        self.examined += 1
+        if unmeasured := state.faults.keys() & set(logged.goal.joints):
+            self.say(f"a goal succeeded although {', '.join(sorted(unmeasured))} was not measured")
 
     def _examine_rest(self, joints: Sequence[str], state: JointState) -> None:
         """Check the velocities of an arm. A joint that was at the same position one cycle ago may oscillate faster than

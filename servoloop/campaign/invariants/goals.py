@@ -32,6 +32,8 @@ GUIDED_CYCLES: Final = 4
 RELIEF_S: Final = 6.0
 """Maximum time until a goal that is being stopped ends, in seconds, even if its joints are blocked and must be
 relieved."""
+LATE_CYCLES: Final = 4
+"""Maximum number of cycles for which a goal continues after its goal time tolerance has elapsed."""
 BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be either accepted or rejected, as a fraction of the joint's range."""
 RESTS: Final = 0.02
@@ -61,6 +63,8 @@ class GoalsEnd(Invariant):
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
         self._silent_cycles = 0
         """Number of cycles for which a stream has continued without new targets."""
+        self._late_cycles = 0
+        """Number of cycles for which all joints were measured and one was outside the goal tolerance too late."""
 
     def on_state(self, state: JointState) -> None:
         self._watch_stream()
@@ -96,7 +100,9 @@ class GoalsEnd(Invariant):
             if lasted_s > FAULT_STOPS_S + 2.5 * period_s and tracking.on_goal and logged is self.newest_goal:
                 self.say(f"the path continues although {joint} has not been measured for {lasted_s:.2f} s")
         if self._faulty_s[key]:
+            self._late_cycles = 0
             return
+        self._examine_end(logged, tracking)
         counts = self._on_path_s if tracking.on_goal else self._off_path_s
         counts[key] += period_s
         ends_s = RELIEF_S if key in self._on_path_s else REST_S  # A goal that waits has no joints to relieve.
@@ -104,10 +110,27 @@ class GoalsEnd(Invariant):
         if counts[key] > due_s:
             self.say(f"a goal sent at {logged.sent_s:.2f} s did not end within {due_s:.1f} s")
 
+    def _examine_end(self, logged: LoggedGoal, tracking: Tracking) -> None:
+        """Check that a goal whose joints stay outside the goal tolerance ends soon after its goal time tolerance."""
+        late_s = tracking.elapsed_s - tracking.path.duration_s - self._goal_time_s(logged)
+        self._late_cycles = self._late_cycles + 1 if late_s > 0.0 and self._misses(logged, tracking) else 0
+        if tracking.on_goal and logged is self.newest_goal and self._late_cycles > LATE_CYCLES:
+            self.say(f"a goal continues {late_s:.2f} s after its goal time tolerance has elapsed")
+
+    def _misses(self, logged: LoggedGoal, tracking: Tracking) -> bool:
+        """Return whether a joint is reported outside the goal tolerance."""
+        asked, defaults = logged.goal.tolerances.goal, self.arm.parameters.tolerances().goal
+        allowed = [asked.get(joint) or defaults.get(joint, 0.0) for joint in self.arm.joints]
+        return any(0.0 < most < abs(off) for most, off in zip(allowed, tracking.error.tolist(), strict=True))
+
+    def _goal_time_s(self, logged: LoggedGoal) -> float:
+        """Return the goal time tolerance of a goal in seconds. It is infinite if there is none."""
+        asked_s = logged.goal.tolerances.goal_time_s or self.arm.parameters.constraints.goal_time
+        return asked_s if asked_s > 0.0 else math.inf
+
     def _due_s(self, logged: LoggedGoal, tracking: Tracking) -> float:
         """Return the maximum time until a goal on its path must end, in seconds."""
-        goal_time_s = max(logged.goal.tolerances.goal_time_s, self.arm.parameters.constraints.goal_time)
-        if goal_time_s <= 0.0:
+        if math.isinf(goal_time_s := self._goal_time_s(logged)):
             return math.inf
         limits = dict(zip(self.commanded, self.stack.loop.limits, strict=True))
         return min(longest_s(logged.goal, limits), tracking.path.duration_s) + goal_time_s + REST_S

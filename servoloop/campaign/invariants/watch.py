@@ -11,6 +11,7 @@ from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.activation import ActivatedAsConfigured, ControllersResume
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
+from servoloop.campaign.invariants.first_reason import FirstReasonDecides
 from servoloop.campaign.invariants.forwarded import ForwardedIsFollowed
 from servoloop.campaign.invariants.goal_paths import (
     PathIsAsSent,
@@ -53,6 +54,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     ReplacedGoalsEnd,
     DeviationEnds,
     AbortsAreTrue,
+    FirstReasonDecides,
     CancelsAreFollowed,
     StopsFollowPaths,
     FeedbackIsTrue,
