@@ -183,7 +183,7 @@ class ComponentTransitions:
         component = self._hardware.component(transition.name)
         if component is None:
             transition.refuse(LifecycleError(f"hardware component '{transition.name}' does not exist"))
-        elif component.switching or any(leaving.component is component for leaving in self.leaving):
+        elif component.switching or self._in_transition(component):
             self.asked.append(transition)
         elif transition.target is ACTIVE and component.active:
             self._complete(component, transition)
@@ -195,6 +195,11 @@ class ComponentTransitions:
             self._leave(component, transition, str(transition))
         else:
             self._switch_in_background(component, transition)
+
+    def _in_transition(self, component: Component) -> bool:
+        """Return whether a component is about to change its state, or its controllers are about to be resumed."""
+        changing = (*(leaving.component for leaving in self.leaving), *(arrived for arrived, _ in self.arrived))
+        return any(one is component for one in changing)
 
     def _complete(self, component: Component, transition: ComponentTransition) -> None:
         """Reactivate the limp joints of an active component, including those that the loop has not detected yet."""

@@ -9,6 +9,7 @@ from servoloop.campaign.draw_socket_act import draw_socket_act
 from servoloop.simulation.acts import (
     Act,
     Cancel,
+    Configure,
     FollowPlan,
     FollowWaypoints,
     Grip,
@@ -67,6 +68,13 @@ GOAL_TIMES_S: Final = (0.05, 5.0)
 """Range of the goals' own goal time tolerances, in seconds."""
 MIXED: Final = 0.5
 """Fraction of goals that list their joints in an order that differs from that of the controller."""
+PARTIAL: Final = 0.3
+"""Fraction of goals that contain only some joints. Most controllers reject such a goal, unless a client has changed
+their parameters."""
+CONFIGURED: Final = 0.7
+"""Fraction of the clients that change the parameters of the arm controller first."""
+IMPOSSIBLE: Final = 0.3
+"""Fraction of the controller switches that are impossible."""
 ENDS_EARLY: Final = 0.25
 """Fraction of runs that end in the middle of the actions and faults, as if the user stopped the program."""
 EARLIEST_S: Final = 1.0
@@ -104,12 +112,21 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
     random = Random(f"{seed}/client/{kind}")
     acts: list[Act] = []
     at_s = random.uniform(0.0, 0.3)
+    if kind in CONFIGURING and random.random() < CONFIGURED:
+        acts.append(_configuration(random))
     while at_s < seconds:
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
         at_s = _extend(random, kind, joints, acts, (at_s, seconds))
         pauses = [random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)]
         at_s += random.choices(pauses, SOCKET_PAUSES if kind == "sockets" else PAUSES)[0]
     return tuple(acts)
+
+
+def _configuration(random: Random) -> Configure:
+    """Draw new parameters of the arm controller. Some tolerances are hard to meet."""
+    path = round(log_uniform(random, *TOLERANCES), 3) if random.random() < 0.5 else 0.0
+    goal_time_s = round(log_uniform(random, *GOAL_TIMES_S), 2) if random.random() < 0.5 else 0.0
+    return Configure(at_s=0.0, path_tolerance=path, goal_time_s=goal_time_s, partial=random.random() < 0.7)
 
 
 def _extend(
@@ -195,7 +212,8 @@ def _arm_goal(random: Random, joints: Mapping[str, JointLimits], at_s: float) ->
         return _waypoints(random, joints, at_s)
     own = _own_tolerances(random) if random.random() < OWN_TOLERANCES else {}
     positions, seconds = _positions(random, joints), round(random.uniform(0.3, 3.0), 2)
-    return Move(at_s=at_s, positions=positions, seconds=seconds, mixed=random.random() < MIXED, **own)
+    mixed, partial = random.random() < MIXED, random.random() < PARTIAL
+    return Move(at_s=at_s, positions=positions, seconds=seconds, mixed=mixed, partial=partial, **own)
 
 
 def _own_tolerances(random: Random) -> dict[str, Any]:
@@ -243,7 +261,7 @@ def _handover(random: Random, at_s: float) -> Act:
     """Draw a deactivation of the arm's controller or of the hardware, and a later activation."""
     for_s = round(random.uniform(0.05, 1.0), 2)
     if random.random() < 0.5:
-        return Switch(at_s=at_s, for_s=for_s)
+        return Switch(at_s=at_s, for_s=for_s, impossible=random.random() < IMPOSSIBLE)
     for_s, relax = random.choice([(for_s, False), (for_s, True), (0.0, False), (0.0, False)])
     return Reactivate(at_s=at_s, for_s=for_s, relax=relax, push=_share(random))
 
@@ -279,6 +297,8 @@ def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s:
     return draw_socket_act(random, _positions(random, joints), at_s)
 
 
+CONFIGURING: Final = frozenset({"moves", "switches"})
+"""Clients that may change the parameters of the arm controller."""
 DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {
     "moves": _move,
     "plans": _plan,

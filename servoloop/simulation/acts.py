@@ -32,6 +32,8 @@ class Move(_Act):
     """Goal time tolerance in seconds, or 0 to use that of the controller."""
     mixed: bool = False
     """Whether the goal lists the joints in reverse order."""
+    partial: bool = False
+    """Whether the goal contains only the joints in ``positions``."""
 
 
 class FollowPlan(_Act):
@@ -97,6 +99,21 @@ class Switch(_Act):
 
     kind: Literal["switch"] = "switch"
     for_s: Duration = 0.5
+    impossible: bool = False
+    """Whether to request, with STRICT, the activation of an unknown controller in the same switch. Such a request must
+    not change anything."""
+
+
+class Configure(_Act):
+    """Change the parameters of the arm controller, unless a goal is active."""
+
+    kind: Literal["configure"] = "configure"
+    path_tolerance: Tolerance = 0.0
+    """New path tolerance of every joint, in rad or m, or 0 to keep the path tolerances."""
+    goal_time_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
+    """New goal time tolerance in seconds, or 0 to keep it."""
+    partial: bool = True
+    """Whether to allow goals that contain only some of the joints."""
 
 
 class Reactivate(_Act):
@@ -239,6 +256,7 @@ Act = Annotated[
     | MoveHand
     | Grip
     | Switch
+    | Configure
     | Reactivate
     | Jog
     | GuideArm

@@ -9,10 +9,12 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from controller.guided_motion import HORIZON_S, GuidedMotion, JointPositions
-from controller.manager.switch import SwitchRequest
+from controller.manager.client import ManagerClient
+from controller.manager.switch import Strictness, SwitchRequest
 from controller.manager_errors import ManagerError
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.trajectory.goal import GoalPoint, TrajectoryGoal
+from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.tolerances import Tolerances
 from drivers.driver_errors import DriverError
 from hal.hal_errors import HalError
@@ -22,6 +24,7 @@ from hal.types import FloatArray, JointFault, JointLimits, JointState
 from servoloop.simulation.acts import (
     Act,
     Cancel,
+    Configure,
     FollowPlan,
     FollowWaypoints,
     Grip,
@@ -130,6 +133,8 @@ class SimulatedClients:
         self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._action(act)) for act in acts]
         self._due.sort(key=lambda one: one[0])
         self._streams: list[Iterator[None]] = []
+        self.half_switched = False
+        """Whether an impossible switch was carried out in part."""
         self.newest = ""
         """Type of the latest action, or empty before the first action."""
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
@@ -166,6 +171,7 @@ class SimulatedClients:
             "hand": self._hand,
             "grip": self._grip,
             "switch": self._switch,
+            "configure": self._configure,
             "reactivate": self._reactivate,
             "jog": self._jog,
             "guide": self._guide,
@@ -192,6 +198,8 @@ class SimulatedClients:
         each = dict.fromkeys(self._arm.joints, act.tolerance) if act.tolerance else {}
         point = GoalPoint(self._all(act.positions), act.seconds)
         goal = TrajectoryGoal(self._arm.joints, (point,), Tolerances({} if act.at_end else each, each, act.goal_time_s))
+        if act.partial:
+            goal = _of_joints(goal, set(act.positions))
         self._send(_reversed(goal) if act.mixed else goal)
 
     def _plan(self, act: FollowPlan) -> None:
@@ -270,8 +278,29 @@ class SimulatedClients:
 
     def _switch(self, act: Switch) -> None:
         name, loop = self._arm.name, self._stack.loop
+        if act.impossible:
+            self._switch_impossible(name)
+            return
         loop.manager.switch(SwitchRequest(deactivate=(name,)), loop.within_limits)
         self._later(act.for_s, lambda: self._activate(name))
+
+    def _switch_impossible(self, name: str) -> None:
+        """Request a strict switch that must be rejected."""
+        loop = self._stack.loop
+        loop.manager.switch(SwitchRequest(("unknown_controller",), (name,), Strictness.STRICT), loop.within_limits)
+        self.half_switched = True
+
+    def _configure(self, act: Configure) -> None:
+        stack, name = self._stack, self._arm.name
+        if self._arm.newest is not None and not self._arm.newest.done:
+            return
+        values = self._arm.parameters.model_dump()
+        constraints, values["allow_partial_joints_goal"] = values["constraints"], act.partial
+        constraints["goal_time"] = act.goal_time_s or constraints["goal_time"]
+        for joint in self._arm.joints if act.path_tolerance else ():
+            constraints[joint]["trajectory"] = act.path_tolerance
+        client = ManagerClient(stack.loop, stack.control_stack.factory)
+        client.change(name, TrajectoryParameters.model_validate(values))
 
     def _activate(self, *names: str) -> None:
         loop = self._stack.loop
@@ -362,6 +391,15 @@ def _reversed(goal: TrajectoryGoal) -> TrajectoryGoal:
         for one in goal.points
     )
     return replace(goal, joints=goal.joints[::-1], points=points)
+
+
+def _of_joints(goal: TrajectoryGoal, joints: Collection[str]) -> TrajectoryGoal:
+    """Return the part of a goal with one point that moves these joints."""
+    point = goal.points[0]
+    kept = [(name, at) for name, at in zip(goal.joints, point.positions, strict=True) if name in joints]
+    return replace(
+        goal, joints=tuple(name for name, _ in kept), points=(replace(point, positions=tuple(at for _, at in kept)),)
+    )
 
 
 def _scaled(limit: JointLimits, scale: float) -> JointLimits:

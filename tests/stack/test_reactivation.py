@@ -12,6 +12,7 @@ from drivers.servos.catalog import series_of
 from drivers.servos.register import Register
 from hal.hal_errors import ActivationError
 from hal.lifecycle import LifecycleState
+from hal.servos.servo_hardware import ServoHardware
 from sim_backend.faults.text import parse
 from tests.faults.rig import FaultRig
 from tests.stack.rig import READY
@@ -40,6 +41,27 @@ def activated(rig: FaultRig) -> ComponentTransition:
 
 def controllers(rig: FaultRig) -> list[str]:
     return [entry.spec.name for entry in rig.manager.registry.running]
+
+
+def test_a_second_request_after_a_failed_activation_resumes_the_controllers(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = lost("brown_out id=4")
+    running, reactivate, calls = controllers(rig), ServoHardware.reactivate, 0
+
+    def fails_once(hardware: ServoHardware) -> frozenset[str]:
+        nonlocal calls
+        calls += 1
+        if calls == 1:
+            raise ActivationError("joint4: servo 4 does not respond")
+        return reactivate(hardware)
+
+    monkeypatch.setattr(ServoHardware, "reactivate", fails_once)
+    first, second = (rig.loop.component_transitions.ask(rig.made[0].name, ACTIVE) for _ in range(2))
+    rig.endure(3.0, lambda: second.done)
+    with pytest.raises(ActivationError, match="does not respond"):
+        first.result()
+    second.result()
+    assert calls == 2
+    assert controllers(rig) == running
 
 
 @pytest.mark.parametrize(("arm", "servo_id"), [("robot_arm", 4), ("robot_arm", 5), ("robot_arm_dynamixel", 3)])

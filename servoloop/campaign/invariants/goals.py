@@ -234,7 +234,11 @@ class GoalsAreJudged(Invariant):
         if None in answers:
             self.say("a malformed goal, or a motion of a program without control of the arm, was accepted")
         answers.clear()
+        if self.stack.clients is not None and self.stack.clients.half_switched:
+            self.say("a strict switch with an unknown controller was carried out in part")
         for logged in sent:
+            if self._incomplete(logged.goal):
+                self.say("a goal was accepted that does not contain all joints of its controller")
             if beyond := self._beyond(logged.goal, BEYOND):
                 self.say(f"a goal beyond the limits was accepted: {beyond}")
         true, commands = self.true_positions(), dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
@@ -261,10 +265,18 @@ class GoalsAreJudged(Invariant):
                     return f"{joint} to {position:.4f}, but its limits are {known.lower:g} and {known.upper:g}"
         return ""
 
+    def _incomplete(self, goal: TrajectoryGoal) -> bool:
+        """Return whether a goal omits joints of a controller that does not allow this."""
+        return any(
+            set(goal.joints) < set(arm.joints) and not arm.parameters.allow_partial_joints_goal
+            for arm in self.stack.arms
+        )
+
     def _valid(self, goal: TrajectoryGoal) -> bool:
         """Return whether a goal has all joints of an arm, increasing times, and finite values that end at rest."""
         n, points = len(goal.joints), goal.points
-        complete = any(set(goal.joints) == set(arm.joints) and n == len(arm.joints) for arm in self.stack.arms)
+        known = any(set(goal.joints) <= set(arm.joints) and n == len(set(goal.joints)) > 0 for arm in self.stack.arms)
+        complete = known and not self._incomplete(goal)
         increasing = all(one.time_from_start_s < after.time_from_start_s for one, after in pairwise(points))
         if not (complete and increasing and points and points[0].time_from_start_s >= 0.0):
             return False
