@@ -124,9 +124,17 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
 
 def _configuration(random: Random) -> Configure:
     """Draw new parameters of the arm controller. Some tolerances are hard to meet."""
-    path = round(log_uniform(random, *TOLERANCES), 3) if random.random() < 0.5 else 0.0
-    goal_time_s = round(log_uniform(random, *GOAL_TIMES_S), 2) if random.random() < 0.5 else 0.0
-    return Configure(at_s=0.0, path_tolerance=path, goal_time_s=goal_time_s, partial=random.random() < 0.7)
+    path, goal, goal_time_s = (
+        round(log_uniform(random, *limits), 4) if random.random() < 0.5 else 0.0
+        for limits in (TOLERANCES, GOAL_TOLERANCES, GOAL_TIMES_S)
+    )
+    return Configure(
+        at_s=0.0,
+        path_tolerance=path,
+        goal_tolerance=goal,
+        goal_time_s=goal_time_s,
+        partial=random.random() < 0.7,
+    )
 
 
 def _extend(

@@ -110,6 +110,8 @@ class Configure(_Act):
     kind: Literal["configure"] = "configure"
     path_tolerance: Tolerance = 0.0
     """New path tolerance of every joint, in rad or m, or 0 to keep the path tolerances."""
+    goal_tolerance: Tolerance = 0.0
+    """New goal tolerance of every joint, in rad or m, or 0 to keep the goal tolerances."""
     goal_time_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
     """New goal time tolerance in seconds, or 0 to keep it."""
     partial: bool = True

@@ -297,8 +297,9 @@ class SimulatedClients:
         values = self._arm.parameters.model_dump()
         constraints, values["allow_partial_joints_goal"] = values["constraints"], act.partial
         constraints["goal_time"] = act.goal_time_s or constraints["goal_time"]
-        for joint in self._arm.joints if act.path_tolerance else ():
-            constraints[joint]["trajectory"] = act.path_tolerance
+        for joint in self._arm.joints:
+            constraints[joint]["trajectory"] = act.path_tolerance or constraints[joint]["trajectory"]
+            constraints[joint]["goal"] = act.goal_tolerance or constraints[joint]["goal"]
         client = ManagerClient(stack.loop, stack.control_stack.factory)
         client.change(name, TrajectoryParameters.model_validate(values))
 
