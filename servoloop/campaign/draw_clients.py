@@ -53,6 +53,8 @@ DURING_HAND_MOTION: Final = 0.6
 """Fraction of the hand's motions during which the client sends a goal for the arm. Such a goal waits for the hand."""
 HAND_MOVES_S: Final = 0.4
 """Maximum time from the start of a hand motion until the client sends this goal for the arm, in seconds."""
+HAND_TURNS: Final = 0.4
+"""Fraction of the hand's motions during which the client sends the hand to another position."""
 CANCELED_SOON: Final = 0.2
 """Fraction of goals for the arm that are canceled soon after they were sent. Half of these cancels follow at once, and
 half while the goal may still wait for the hand."""
@@ -147,6 +149,9 @@ def _extend(
     at_s, seconds = times_s
     if isinstance(acts[-1], FollowWaypoints):
         at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
+    if isinstance(acts[-1], MoveHand) and random.random() < HAND_TURNS:
+        at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
+        acts.append(MoveHand(at_s=round(at_s, 3), share=round(random.random(), 3)))
     if isinstance(acts[-1], MoveHand) and random.random() < DURING_HAND_MOTION:
         at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
         acts.append(_arm_goal(random, joints, round(at_s, 3)))

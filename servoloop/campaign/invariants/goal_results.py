@@ -4,7 +4,7 @@ import math
 import re
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,15 @@ The goal ends only after its joints are at rest and relieved.
 """
 
 
+class _Cycle(NamedTuple):
+    """What an arm did in one cycle. Positions are in rad or m, keyed by joint name."""
+
+    wanted: dict[str, float]
+    true: dict[str, float]
+    faults: frozenset[str]
+    on_goal: bool
+
+
 class AbortsAreTrue(Invariant):
     """A joint named in the abort message has really deviated from its path or could not be measured.
 
@@ -66,7 +75,7 @@ class AbortsAreTrue(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._history: deque[tuple[dict[str, float], dict[str, float], frozenset[str]]] = deque(maxlen=HISTORY)
+        self._history: deque[_Cycle] = deque(maxlen=HISTORY)
         self._followed: LoggedGoal | None = None
         """Goal whose path the arm has followed."""
 
@@ -74,14 +83,14 @@ class AbortsAreTrue(Invariant):
         tracking = self.arm.tracking
         if tracking is not None:
             wanted = dict(zip(self.arm.joints, tracking.reference.position.tolist(), strict=True))
-            self._history.append((wanted, self.true_positions(), frozenset(state.faults)))
+            self._history.append(_Cycle(wanted, self.true_positions(), frozenset(state.faults), tracking.on_goal))
         for logged in self.stack.ended_goals:
             handle = logged.handle
             if logged.controller != self.arm.name:
                 continue
             aborted = handle.status is GoalStatus.ABORTED
             if aborted:
-                self._examine(handle.error_code, handle.error_text)
+                self._examine(logged, handle.error_code, handle.error_text)
                 self._examine_reason(logged)
                 self._examine_time(logged)
             if aborted != (handle.error_code != ErrorCode.SUCCESSFUL) or not _belongs(
@@ -92,7 +101,7 @@ class AbortsAreTrue(Invariant):
         if tracking is not None and tracking.on_goal:
             self._followed = self.newest_goal
 
-    def _examine(self, code: int, text: str) -> None:
+    def _examine(self, logged: LoggedGoal, code: int, text: str) -> None:
         found = OFF.search(text)
         if found is not None:
             self.examined += 1
@@ -103,7 +112,7 @@ class AbortsAreTrue(Invariant):
                 )
         elif code == ErrorCode.PATH_TOLERANCE_VIOLATED:
             self.examined += 1
-            if (cycles := self._cycles_unmeasured()) < ABORTS_CYCLES:
+            if (cycles := self._cycles_unmeasured(logged is self._followed)) < ABORTS_CYCLES:
                 self.say(f"a goal was aborted ({text}), but no joint missed more than {cycles} measurements in a row")
 
     def _examine_reason(self, logged: LoggedGoal) -> None:
@@ -125,19 +134,25 @@ class AbortsAreTrue(Invariant):
         if float(found[1]) < allowed_s:
             self.say(f"a goal with a goal time tolerance of {allowed_s:g} s was aborted after {found[1]} s")
 
-    def _cycles_unmeasured(self) -> int:
-        """Return the largest number of consecutive cycles in which a joint of the arm was not measured."""
+    def _cycles_unmeasured(self, followed: bool) -> int:
+        """Return the largest number of consecutive cycles in which a joint of the arm was not measured.
+
+        If the arm has followed the path of the goal, only the cycle in which it left this path counts.
+        """
+        on_path = [number for number, one in enumerate(self._history) if one.on_goal and followed]
+        left = on_path[-1] if on_path else None
         most, cycles = 0, Counter[str]()
-        for _, _, faults in self._history:
-            cycles = Counter({joint: cycles[joint] + 1 for joint in faults if joint in self.arm.joints})
-            most = max(most, *cycles.values()) if cycles else most
+        for number, one in enumerate(self._history):
+            cycles = Counter({joint: cycles[joint] + 1 for joint in one.faults if joint in self.arm.joints})
+            if left is None or abs(number - left) <= 1:
+                most = max(most, *cycles.values()) if cycles else most
         return most
 
     def _largest_deviation(self, joint: str) -> float:
         off = (
-            abs(wanted[joint] - reading)
-            for wanted, true, _ in self._history
-            for reading in self.readings(joint, true[joint])
+            abs(one.wanted[joint] - reading)
+            for one in self._history
+            for reading in self.readings(joint, one.true[joint])
         )
         return max(off, default=math.inf)
 

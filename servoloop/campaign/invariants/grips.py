@@ -27,13 +27,15 @@ FASTEST: Final = 1.05
 """Allowed speed of a command, as a multiple of the speed in its goal."""
 STANDS: Final = 1e-3
 """Maximum speed of a command at rest, in rad/s or m/s."""
+BRAKES_CYCLES: Final = 4
+"""Number of cycles for which a moving command may gain speed and then lose it again after a goal was sent."""
 STANDS_S: Final = 0.5
 """Minimum time the fingers must be at rest before a stalled goal ends, in seconds."""
 
 
 class GripsAreFollowed(Invariant):
     """A gripper goal ends in time, and its result is true. A canceled or replaced goal ends immediately. A command that
-    starts from rest does not exceed the speed in the goal.
+    was faster before first brakes, and then does not exceed the speed in the goal.
 
     Positions are taken from the simulated world. Cycles in which the joint moves or is not measured do not count, but
     the goal ends after the fault timeout.
@@ -53,8 +55,8 @@ class GripsAreFollowed(Invariant):
         """Speed of the command in the previous cycle, in rad/s or m/s."""
         self._last_s = 0.0
         """Time of the previous cycle."""
-        self._from_rest = False
-        """Whether the command was at rest when the latest goal was sent."""
+        self._brakes_until_s = 0.0
+        """Time until which the command may be faster than the speed in the latest goal, because it has to brake."""
         self._known: GripperClient | None = None
         """Client of the run. It is kept here because the stack removes its client when the program begins to end."""
         self._positions = deque[float](maxlen=max(2, round(STANDS_S / stack.loop.period_s)))
@@ -68,7 +70,7 @@ class GripsAreFollowed(Invariant):
         self._positions.append(self.true_positions()[joint])
         for index in range(self._seen, len(client.goals)):
             self._open[index] = self._unmeasured_s[index] = 0.0
-            self._from_rest = self._speed < STANDS
+            self._brakes_until_s = state.stamp_s + self._brakes_s(client, client.goals[index].handle.goal.max_velocity)
         self._seen = len(client.goals)
         self._examine_speed(client, state.stamp_s)
         for index in list(self._open):
@@ -104,11 +106,22 @@ class GripsAreFollowed(Invariant):
         loop, place = self.stack.loop, self.commanded.index(client.parameters.joint)
         passed_s, self._last_s = max(now_s - self._last_s, loop.period_s), now_s
         self._speed = abs(loop.command[place] - loop.previous_command[place]) / passed_s
-        if not client.goals or client.goals[-1].handle.done or not self._from_rest or self.upset:
+        if not client.goals or client.goals[-1].handle.done or now_s < self._brakes_until_s or self.upset:
             return
         allowed = client.goals[-1].handle.goal.max_velocity
         if allowed and self._speed > FASTEST * allowed:
             self.say(f"a gripper goal moves the command at {self._speed:.4f}, but at most {allowed:.4f} is allowed")
+
+    def _brakes_s(self, client: GripperClient, allowed: float) -> float:
+        """Return the maximum time (s) that a command needs to slow down to an allowed speed.
+
+        A moving command may still gain speed until the goal begins.
+        """
+        if self._speed < STANDS:
+            return 0.0
+        limits, period_s = client.limits, self.stack.loop.period_s
+        too_fast = max(self._speed - allowed, 0.0)
+        return too_fast / limits.acceleration + 2.0 * limits.acceleration / limits.jerk + BRAKES_CYCLES * period_s
 
     def _creep(self, client: GripperClient) -> float:
         """Return the maximum distance that a joint at rest may move in a cycle, in rad or m."""

@@ -169,7 +169,7 @@ class NothingTravels(Invariant):
 
 
 class NothingPresses(Invariant):
-    """Shortly after a goal has failed, none of the arm's joints is driven against an obstacle.
+    """Shortly after a goal has failed or the arm's controller was activated, no joint is driven against an obstacle.
 
     Relieving one joint may move another joint, which is then relieved next. After the relief, something else may push a
     joint away from its command, such as an external torque or the gripper. This distance does not count until a command
@@ -202,6 +202,10 @@ class NothingPresses(Invariant):
         self._delayed = False
         """Whether the controller was inactive or a joint had a fault since the last goal ended, so that the relief may
         be late."""
+        self._activated = False
+        """Whether the controller was activated after the last goal had ended."""
+        self._running = False
+        """Whether the controller was active in the last cycle."""
         self._last: object = None
         self._commands_kept_s = 0.0
         """Time since a command of the arm last changed, in seconds."""
@@ -220,20 +224,22 @@ class NothingPresses(Invariant):
             self._off_s.clear()
             return
         ended = [one for one in self.stack.goals.goals if one.controller == self.arm.name and one.ended_s]
-        unwanted = bool(ended) and ended[-1].handle.status is not GoalStatus.SUCCEEDED
+        running = self.stack.manager.registry.loaded[self.arm.name].active
+        self._activated = not self.open_goals and (self._activated or (running and not self._running))
+        self._running = running
+        unwanted = self._activated or (bool(ended) and ended[-1].handle.status is not GoalStatus.SUCCEEDED)
         true = self.true_positions()
         self._measure_distances(true)
         if self.open_goals or not unwanted or not self.active or self.upset or self._blocked_outside(state):
             self._forget()
             return
-        last = ended[-1].handle
-        running = self.stack.manager.registry.loaded[self.arm.name].active
+        last = ended[-1].handle if ended else None
         streamed = self._driven_by_others()
         self._streamed = bool(streamed) or (self._streamed and last is self._last)
         self._delayed = not running or bool(state.faults) or (self._delayed and last is self._last)
         self._last = last
-        relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
-        waited = relieved and not (self._delayed or self._streamed)
+        relieved = last is not None and (last.status is GoalStatus.CANCELED or "is off by" in last.error_text)
+        waited = relieved and not (self._delayed or self._streamed or self._activated)
         relieved_s = RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
         for joint, place in self._places.items():
