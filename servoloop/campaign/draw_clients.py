@@ -70,10 +70,10 @@ GOAL_TIMES_S: Final = (0.05, 5.0)
 """Range of the goals' own goal time tolerances, in seconds."""
 MIXED: Final = 0.5
 """Fraction of goals that list their joints in an order that differs from that of the controller."""
-PARTIAL: Final = 0.3
+PARTIAL: Final = 0.4
 """Fraction of goals that contain only some joints. Most controllers reject such a goal, unless a client has changed
 their parameters."""
-CONFIGURED: Final = 0.7
+CONFIGURED: Final = 0.8
 """Fraction of the clients that change the parameters of the arm controller first."""
 IMPOSSIBLE: Final = 0.3
 """Fraction of the controller switches that are impossible."""
@@ -135,7 +135,7 @@ def _configuration(random: Random) -> Configure:
         path_tolerance=path,
         goal_tolerance=goal,
         goal_time_s=goal_time_s,
-        partial=random.random() < 0.7,
+        partial=random.random() < 0.85,
     )
 
 

@@ -128,7 +128,14 @@ def test_each_seed_draws_an_arm_a_client_and_an_exit_policy() -> None:
     scenario = Scenario(arm=("robot_arm", "koch"), clients=("moves", "plans"), on_exit=("hold", "relax"), within_s=4.0)
     drawn = [schedule_of(scenario, seed) for seed in range(20)]
     assert {one.arm for one in drawn} == {"robot_arm", "koch"} and {one.on_exit for one in drawn} == {"hold", "relax"}
-    assert {act.kind for one in drawn for act in one.clients} == {"move", "waypoints", "plan", "cancel", "hand"}
+    assert {act.kind for one in drawn for act in one.clients} == {
+        "configure",
+        "move",
+        "waypoints",
+        "plan",
+        "cancel",
+        "hand",
+    }
     assert drawn == [schedule_of(scenario, seed) for seed in range(20)]
 
 

@@ -59,6 +59,8 @@ class _Path:
     """Reference speeds (n,) just before the path began."""
     references: list[FloatArray] = field(default_factory=list)
     """Reference positions (n,) in each cycle."""
+    followed: int = 0
+    """Number of cycles before the arm left the path."""
 
 
 class PathIsAsSent(Invariant):
@@ -89,11 +91,14 @@ class PathIsAsSent(Invariant):
                     begun = _Path(state.stamp_s - tracking.elapsed_s, self._speed)
                     path = self._paths.setdefault(id(logged), begun)
                     path.references.append(tracking.reference.position)
+                    path.followed += tracking.on_goal and path.followed + 1 == len(path.references)
                     if tracking.on_goal and len(path.references) == BEGUN_CYCLES and logged is self.newest_goal:
                         self._examine_duration(logged, path, tracking.path.duration_s)
                     self._examine_end(logged, path.references)
         for logged in self.stack.ended_goals:
             ended = self._paths.pop(id(logged), None)
+            if ended is not None and len(logged.goal.points) == 1 and ended.followed > 1:
+                self._examine_way(logged, ended)
             if logged.controller == arm.name and logged.handle.status is GoalStatus.SUCCEEDED:
                 self.examined += 1
                 self._examine_success(logged, ended)
@@ -106,8 +111,6 @@ class PathIsAsSent(Invariant):
             self.say(f"a goal sent at {logged.sent_s:.2f} s succeeded, but its path never began")
             return
         self._examine(logged, np.array(path.references), path.begun_s)
-        if len(logged.goal.points) == 1 and len(path.references) > 1:
-            self._examine_way(logged, path)
 
     def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
         """Check that an unfinished goal with one point does not come to rest at this point before the scheduled
@@ -152,7 +155,7 @@ class PathIsAsSent(Invariant):
 
         A path that starts in motion first brakes, so it may leave this range.
         """
-        goal, references = logged.goal, np.array(path.references)
+        goal, references = logged.goal, np.array(path.references[: path.followed])
         wanted = dict(zip(goal.joints, goal.points[0].positions, strict=True))
         for place, joint in enumerate(self.arm.joints):
             if joint not in self._bounded:
