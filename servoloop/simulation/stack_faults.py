@@ -149,8 +149,8 @@ class Upsettable:
     @property
     def command(self) -> FloatArray:
         command: FloatArray = self._controller.command
-        for how, jump in self.upsets:
-            command = command + (np.nan if how == "nan" else jump)
+        for _, offset in self.upsets:
+            command = command + offset
         return command
 
 

@@ -17,6 +17,10 @@ from sim_backend.line.power import restart
 
 BEARABLE_C: Final = 70.0
 """Maximum temperature at which a servo with factory settings drives its motor, in degrees Celsius."""
+SHORT: Final = 0.5
+"""Fraction of the drawn brown-outs after which the servo responds sooner than usual."""
+SHORT_BOOT_S: Final = (0.002, 0.1)
+"""Range of the time after which such a servo responds, in seconds: from a part of one cycle to several cycles."""
 FEWEST_TURNS: Final = 0.02
 """Minimum fraction of a winding's turns that a short leaves intact. With fewer turns, the motor would short-circuit the
 bus's supply, which is not modeled."""
@@ -44,11 +48,19 @@ class BrownOut(Momentary, OfServo):
     and the EEPROM keeps its values."""
 
     kind: Literal["brown_out"] = "brown_out"
+    boot_s: Duration | None = None
+    """Time until the servo responds again, in seconds; None for the usual time of its series. A servo that responds
+    within one cycle may receive the next goal, which enables the torque of most servos."""
 
     @contextmanager
     def acting(self, targets: FaultTargets) -> Iterator[None]:
-        restart(self.place(targets).servo)
+        restart(self.place(targets).servo, self.boot_s)
         yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        boot_s = log_uniform(random, *SHORT_BOOT_S) if random.random() < SHORT else None
+        return {**super().draw_parameters(random, there), "boot_s": boot_s}
 
 
 class LoosePlug(OfServo, Lasting):

@@ -90,10 +90,19 @@ class ControllerRaises(_OfController):
 
 
 class ControllerNan(_OfController):
-    """A controller commands NaN to its joints."""
+    """A controller commands NaN or infinity to its joints, as after a division by zero."""
 
     kind: Literal["controller_nan"] = "controller_nan"
     HOW = "nan"
+    value: Literal["nan", "inf", "-inf"] = "nan"
+
+    @property
+    def _jump(self) -> float:
+        return float(self.value)
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "value": random.choice(["nan", "inf", "-inf"])}
 
 
 class ControllerJumps(_OfController):

@@ -61,8 +61,8 @@ class StackTarget(Protocol):
     def disturb_controller(
         self, controller: str | None, how: ControllerFault, jump: float
     ) -> AbstractContextManager[None]:
-        """While the context is active, make a controller raise an exception in its update, or add NaN or ``jump`` (rad
-        or m) to the controller's commands.
+        """While the context is active, make a controller raise an exception in its update, or add ``jump`` (rad or m,
+        NaN or infinity) to the controller's commands.
 
         ``controller`` is a name, or None for the arm's controller.
         """

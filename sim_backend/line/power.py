@@ -32,10 +32,15 @@ def watch_supply(line: ServoLine[Any]) -> None:
         _supplied(servo, servo.firmware.voltage_v)
 
 
-def restart(servo: WiredServo) -> None:
-    """Restart the servo as after a short loss of power, for example caused by a loose plug."""
+def restart(servo: WiredServo, boot_s: float | None = None) -> None:
+    """Restart the servo as after a short loss of power, for example caused by a loose plug.
+
+    Args:
+        servo: The servo.
+        boot_s: Time until the servo responds again, in seconds; None for the usual time of its series.
+    """
     servo.power_cycle()
-    servo.deaf_s = servo.BOOT_S
+    servo.deaf_s = servo.BOOT_S if boot_s is None else boot_s
 
 
 def _supplied(servo: WiredServo, voltage_v: float) -> None:

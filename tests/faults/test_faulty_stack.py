@@ -111,3 +111,16 @@ def test_an_exception_in_a_broadcaster_ends_no_goal() -> None:
 def test_nan_from_the_hand_controller_stops_the_hand_but_not_the_arm() -> None:
     rig = told("robot_arm", parse("controller_nan controller=hand_controller at=300ms"))
     assert rig.says("safety gate: hand_right_joint: the command is nan: holding") and rig.says("goal: SUCCEEDED")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_commands_that_are_not_finite_hold_the_joints(value: str) -> None:
+    rig = told("robot_arm", parse(f"controller_nan value={value} at=300ms"))
+    assert rig.says(f"safety gate: joint1, joint2, joint3, joint4, joint5, joint6: the command is {value}: holding")
+
+
+def test_a_servo_that_a_goal_enables_after_a_short_brown_out_is_recognized_as_reset() -> None:
+    """The servo responds again before the next cycle, but it has lost its torque limit."""
+    rig = told("robot_arm", parse("brown_out id=3 boot=2ms at=300ms"))
+    assert rig.says("servo 3 has lost its torque")
+    assert not rig.says("servo 3 does not respond")

@@ -64,7 +64,7 @@ def test_a_text_is_parsed(text: str, event: Event) -> None:
         ("silent id=3 for=0s", ["for: must be above 0"]),
         ("silent id=3 for=nans", ["for: must be a finite number"]),
         ("silent id=3 'for=2", ["no closing quotation"]),
-        ("brown_out id=3 for=1s", ["for=1s: brown_out has only the parameters id=, bus=, at="]),
+        ("brown_out id=3 for=1s", ["for=1s: brown_out has only the parameters id=, bus=, boot=, at="]),
         ("weak_supply", ["a weak supply needs voltage_v, resistance_ohm, or both"]),
         ("slipped_horn id=3 counts=0", ["counts: a slip of 0 counts has no effect"]),
         ("adapter_unplugged as=ttyACM1", ["needs for_s"]),
