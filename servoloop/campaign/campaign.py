@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from random import Random
@@ -11,8 +12,10 @@ from drivers.driver_errors import DriverError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, hand_of, in_scenario, in_schedule, joints_and_hand
-from servoloop.campaign.draw_arm import draw_jam, draw_limits, draw_setting
+from servoloop.campaign.draw_arm import draw_firmware, draw_jam, draw_limits, draw_setting
 from servoloop.campaign.draw_clients import draw_client, draw_end
+from servoloop.campaign.draw_coincidences import Coincidence, DrawnRun, draw_coincidence
+from servoloop.campaign.draw_end import draw_hurry
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
 from servoloop.campaign.scenario import Scenario, ScenarioError
@@ -51,11 +54,11 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
     scenario = load(path, Scenario, ScenarioError)
     if arm is not None:
         find_arm(arm)
-        scenario = scenario.model_copy(update={"arm": (arm,)})
+        scenario = scenario.model_copy(update={"arm": (arm,), "seldom": ()})
     else:
-        for n, name in enumerate(scenario.arm):
-            arm_in(path, name, n)
-    mistakes = in_scenario(scenario, {name: files_of(name) for name in scenario.arm})
+        for n, name in enumerate(scenario.arms):
+            arm_in(path, name, scenario.place_of(n))
+    mistakes = in_scenario(scenario, {name: files_of(name) for name in scenario.arms})
     _refuse(path, mistakes, ScenarioError)
     return scenario
 
@@ -87,22 +90,15 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     """Draw a random schedule from a seed. Raises FaultError if a fault type is unknown."""
     random = Random(f"{seed}/scenario")
     arm, client = random.choice(scenario.arm), random.choice(scenario.clients)
-    on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
-    files = files_of(arm)
+    arm, on_exit = scenario.arm_of(seed, arm), random.choice(scenario.on_exit) if scenario.on_exit else None
     jobs = scenario.job if client == "job" else ()
     limits = {} if jobs else _draw_limits(seed, arm)
-    files = with_narrow_limits(files, limits)
+    files = with_narrow_limits(files_of(arm), limits)
     until_s = scenario.within_s if client == "job" else draw_end(seed, scenario.within_s)
     acts = draw_client(client, seed, *joints_and_hand(files, seed), until_s)
     seconds = until_s + (scenario.seconds if until_s == scenario.within_s else 0.0) if acts else scenario.seconds
-    within_s = scenario.within_s if jobs else min(until_s, seconds)
-    faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)
-    if faults and (scenario.kinds is None or WRONG_SETTING in scenario.kinds):
-        wrong = draw_setting(seed, files.robot.joints)
-        faults = (*wrong, *faults[len(wrong) :])
-    if faults and client == "grips" and (scenario.kinds is None or JAMMED in scenario.kinds):
-        jam = draw_jam(seed, [joint for joint in files.robot.joints if joint.name == hand_of(files)], within_s)
-        faults = (*faults[: len(faults) - len(jam)], *jam)
+    run = DrawnRun(files.robot.joints, acts, None if jobs else seconds, scenario.within_s if jobs else until_s)
+    faults, acts = _draw_faults(scenario, seed, files, client, run)
     return Schedule(
         arm=arm,
         seed=seed,
@@ -112,8 +108,30 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
         faults=cast(tuple[FaultEvent, ...], faults),
         clients=acts,
         limits=limits,
+        firmware=draw_firmware(seed, files.robot.joints),
         on_exit=on_exit,
+        hurry_s=draw_hurry(seed) if on_exit == "relax" else None,
     )
+
+
+def _draw_faults(scenario: Scenario, seed: int, files: Files, client: str, run: DrawnRun) -> Coincidence:
+    """Draw the faults of a run. Return them with the client's actions, to which coinciding faults may add."""
+    within_s = run.within_s if run.end_s is None else min(run.within_s, run.end_s)
+    faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)
+    if faults and _has(scenario, WRONG_SETTING):
+        wrong = draw_setting(seed, files.robot.joints)
+        faults = (*wrong, *faults[len(wrong) :])
+    together, acts = draw_coincidence(seed, replace(run, within_s=within_s))
+    if len(together) <= len(faults) and all(_has(scenario, event.kind) for event in together):
+        faults, run = (*faults[: len(faults) - len(together)], *together), replace(run, acts=acts)
+    if faults and client == "grips" and _has(scenario, JAMMED):
+        jam = draw_jam(seed, [joint for joint in files.robot.joints if joint.name == hand_of(files)], within_s)
+        faults = (*faults[: len(faults) - len(jam)], *jam)
+    return faults, run.acts
+
+
+def _has(scenario: Scenario, kind: str) -> bool:
+    return scenario.kinds is None or kind in scenario.kinds
 
 
 def run_seed(scenario: Scenario, seed: int) -> RunReport:

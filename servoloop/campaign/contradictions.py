@@ -36,7 +36,7 @@ seconds."""
 def in_scenario(scenario: Scenario, arms: Mapping[str, Files]) -> Iterator[Mistake]:
     """Yield the elements of a scenario that are impossible for its arms, clients and faults."""
     for n, (arm, files) in enumerate(arms.items()):
-        yield from _in_jobs(scenario.job, arm, files, ("arm", n))
+        yield from _in_jobs(scenario.job, arm, files, scenario.place_of(n))
         there = inventory_of(files)
         for k, kind in enumerate(scenario.kinds or ()):
             if why := impossible(kind, there):

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Final
 
+from drivers.servos import x
 from drivers.servos.catalog import registers_of
 from hal.joint import Joint
 from hal.types import OUTSIDE_TOLERANCE, JointLimits
@@ -20,6 +21,12 @@ NARROWEST: Final = 0.3
 """Minimum remaining range, as a fraction of the joint's range."""
 OTHER_SETTING: Final = 0.1
 """Fraction of the runs in which a servo setting differs from the robot file. Activation corrects the setting."""
+
+NEWER_FIRMWARE: Final = 53
+"""Firmware version from which all Dynamixels X of the shipped arms support fast sync reads of their indirect
+registers."""
+NEWER: Final = 0.5
+"""Fraction of the runs in which Dynamixels have this firmware version."""
 
 HOLDS_OBJECT: Final = 0.7
 """Fraction of the runs with gripper goals in which the hand jams once, as if it held an object."""
@@ -59,6 +66,17 @@ def _ranges(limit: JointLimits, position: float, outside: float) -> list[tuple[f
     below = (lower, lower + (position - lower) / (1.0 + outside))
     above = (upper - (upper - position) / (1.0 + outside), upper)
     return [(least, greatest) for least, greatest in (below, above) if most < greatest - least < upper - lower]
+
+
+def draw_firmware(seed: int, joints: Sequence[Joint]) -> int | None:
+    """Return the firmware version of the arm's Dynamixels, or None for the usual version.
+
+    Args:
+        seed: Seed of the run.
+        joints: All joints of the arm.
+    """
+    newer = any(joint.model in x.MODELS.values() for joint in joints) and Random(f"{seed}/firmware").random() < NEWER
+    return NEWER_FIRMWARE if newer else None
 
 
 def draw_setting(seed: int, joints: Sequence[Joint]) -> tuple[WrongSetting, ...]:

@@ -1,5 +1,6 @@
 """Run one schedule of a campaign from start to end while checking the invariants."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -8,6 +9,7 @@ from itertools import chain
 from typing import Final
 
 from drivers.driver_errors import DriverError
+from drivers.servos import x
 from hal.hal_errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
 from pick_place.settings import JobSettings
@@ -92,7 +94,8 @@ def run_schedule(
     Raises:
         FaultError: A fault of the schedule is impossible on this arm.
     """
-    files = with_narrow_limits(with_exit_policy(files, schedule.on_exit), schedule.limits)
+    files = with_firmware(with_exit_policy(files, schedule.on_exit), schedule.firmware)
+    files = with_narrow_limits(files, schedule.limits)
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
     stack.narrowed = schedule.limits
     stack.player.plan(schedule.faults)
@@ -100,7 +103,7 @@ def run_schedule(
     watch, jobs = Watch(stack, kinds), list[JobRecord]()
     with LoggedDefects() as defects:
         ended, programs = _run(stack, settings, schedule, jobs)
-        end_program(stack)
+        end_program(stack, schedule.hurry_s)
     watch.end()
     stack.require_no_defect()
     if programs is not None:
@@ -147,6 +150,16 @@ def with_exit_policy(files: Files, on_exit: ExitPolicy | None) -> Files:
     return replace(files, robot=replace(files.robot, file=robot_file))
 
 
+def with_firmware(files: Files, version: int | None) -> Files:
+    """Return the files with this firmware version of all Dynamixels X; None keeps the versions of the robot file."""
+    if version is None:
+        return files
+    joints = tuple(
+        replace(one, firmware=version) if one.model in x.MODELS.values() else one for one in files.robot.joints
+    )
+    return replace(files, robot=replace(files.robot, joints=joints))
+
+
 def with_narrow_limits(files: Files, limits: Mapping[str, tuple[float, float]]) -> Files:
     """Return the files with narrower limits (lower, upper) for some joints, in rad or m."""
     if not limits:
@@ -163,10 +176,23 @@ def with_narrow_limits(files: Files, limits: Mapping[str, tuple[float, float]]) 
     return replace(files, limits=narrowed, robot=replace(files.robot, joints=joints))
 
 
-def end_program(stack: FaultyStack) -> None:
-    """End the stack as ``servoloop up`` does with virtual servos: either hold the arm, or park and release it."""
+def end_program(stack: FaultyStack, hurry_s: float | None = None) -> None:
+    """End the stack as ``servoloop up`` does with virtual servos: either hold the arm, or park and release it.
+
+    Args:
+        stack: The stack.
+        hurry_s: Time until a second signal, which skips the motion to the park pose, in seconds; None for one signal.
+    """
     stack.player.reach("end", stack.world.time_s)
     stack.ending = True
-    stack.control_stack.end()
+    second_s = math.inf if hurry_s is None else stack.clock.now() + hurry_s
+    stack.control_stack.end(lambda: stack.clock.now() >= second_s)
+    if stack.clock.now() >= second_s:
+        stack.files = _without_park_pose(stack.files)  # The user no longer expects the arm to park.
     for line in stack.lines.values():
         line.advance(stack.clock.now())
+
+
+def _without_park_pose(files: Files) -> Files:
+    robot_file = files.robot.file.model_copy(update={"park": None})
+    return replace(files, robot=replace(files.robot, file=robot_file))

@@ -1,6 +1,7 @@
 """Scenario of a campaign: the arms, the clients and the faults of its runs."""
 
-from typing import Annotated, Any, Literal, TypeVar
+from random import Random
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
 
@@ -29,6 +30,8 @@ def _not_empty(items: tuple[Item, ...]) -> tuple[Item, ...]:
     return items
 
 
+SELDOM: Final = 0.04
+"""Fraction of the runs with an arm that is listed under ``seldom``."""
 OneOrMore = Annotated[tuple[Item, ...], AfterValidator(_not_empty), BeforeValidator(_as_list)]
 ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "guides", "grips", "sockets"]
 
@@ -40,6 +43,8 @@ class Scenario(BaseModel):
 
     arm: OneOrMore[str] = (OWN,)
     """Names or folders of arms. Each run draws one of them."""
+    seldom: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = ()
+    """Names or folders of arms that few runs draw instead of those in ``arm``, because their runs take longer."""
     clients: OneOrMore[ClientKind] = ("job",)
     """Kinds of clients. Each run draws one of them. ``job`` runs the jobs; the other types move the arm directly."""
     on_exit: OneOrMore[ExitPolicy] | None = None
@@ -85,3 +90,18 @@ class Scenario(BaseModel):
         if unknown := [kind for kind in kinds or () if kind not in KINDS]:
             raise ValueError(f"unknown fault {', '.join(unknown)}: choose from {', '.join(KINDS)}")
         return kinds
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """All arms, with those that few runs draw last."""
+        return (*self.arm, *self.seldom)
+
+    def arm_of(self, seed: int, usual: str) -> str:
+        """Return the arm of a run: ``usual``, or seldom an arm listed under ``seldom``."""
+        random = Random(f"{seed}/seldom")
+        return random.choice(self.seldom) if self.seldom and random.random() < SELDOM else usual
+
+    def place_of(self, number: int) -> tuple[str, int]:
+        """Return the key and the index in the scenario file of an arm in ``arms``."""
+        usual = len(self.arm)
+        return ("arm", number) if number < usual else ("seldom", number - usual)

@@ -106,8 +106,9 @@ def _smaller(schedule: Schedule) -> Iterator[Schedule]:
         yield schedule.model_copy(update={"arm": OWN})
     if schedule.limits:
         yield schedule.model_copy(update={"limits": {}})
-    if schedule.on_exit is not None:
-        yield schedule.model_copy(update={"on_exit": None})
+    for key in ("firmware", "hurry_s", "on_exit"):
+        if getattr(schedule, key) is not None:
+            yield schedule.model_copy(update={key: None})
     for seconds in SECONDS:
         if seconds < schedule.seconds:
             yield schedule.model_copy(update={"seconds": seconds})

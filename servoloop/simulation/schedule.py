@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict
 
 from drivers.driver_errors import DriverError
 from hal.plausible import Backlash, Position, Seed, Time
-from hal.robot_file.robot_file import ExitPolicy
+from hal.robot_file.robot_file import ExitPolicy, FirmwareVersion
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.simulation.acts import Act, GuideArm, SocketAct
@@ -41,8 +41,13 @@ class Schedule(BaseModel):
     """Client actions other than the jobs. Action times are relative to the activation of the arm."""
     limits: dict[str, tuple[Position, Position]] = {}
     """Narrower lower and upper joint limits, in rad or m, like those set by a ``<command_interface>`` of the URDF."""
+    firmware: FirmwareVersion | None = None
+    """Firmware version of all Dynamixels X; None for the version in the robot file, or else the usual version."""
     on_exit: ExitPolicy | None = None
     """Exit policy of the arm; None to use the robot file's policy for virtual servos."""
+    hurry_s: Time | None = None
+    """Time from the first to a second signal, which skips the motion to the park pose, in seconds; None for one
+    signal."""
 
 
 def read_schedule(path: Path) -> Schedule:

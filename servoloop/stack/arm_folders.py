@@ -99,13 +99,13 @@ def find_arm(name: str = OWN) -> ArmFolder:
     raise ArmFileError(f"there is no arm {name}: choose one of {known}, or specify a folder with {ARM_FILE}")
 
 
-def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
-    """Return the arm specified under the key ``arm`` in the file at ``path``.
+def arm_in(path: Path, name: str, place: tuple[str, int] = ("arm", 0)) -> ArmFolder:
+    """Return an arm that the file at ``path`` specifies.
 
     Args:
         path: Path of the file, for error messages.
         name: Name of the arm.
-        number: Index of the arm if ``arm`` is a list.
+        place: Key of the arm in the file, and the index of the arm if the key is a list.
 
     Raises:
         ArmFileError: The arm does not exist. The message names the file and the line.
@@ -113,7 +113,7 @@ def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
     try:
         return find_arm(name)
     except ArmFileError as error:
-        raise ArmFileError(f"{compose(path, ArmFileError).place(('arm', number))}: {error}") from error
+        raise ArmFileError(f"{compose(path, ArmFileError).place(place)}: {error}") from error
 
 
 def read_arm(folder: Path) -> ArmFolder:

@@ -102,6 +102,7 @@ CHANGE = ": change the scenario or remove the promise"
     [
         ("faults: 2\nspeed: 3\n", "2: speed: is not a known key"),
         ("faults: 2\narm: [koch,\n  coch]\n", "3: there is no arm coch: choose one of "),
+        ("faults: 2\nseldom: [koch,\n  coch]\n", "3: there is no arm coch: choose one of "),
         ("arm: []\n", "1: arm: the list is empty: add at least one item, or remove the key"),
         ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: add at least one item, or remove the key"),
         (
