@@ -192,7 +192,8 @@ class SocketProgram:
 
     def _die(self, act: SocketDeath) -> None:
         if act.half:
-            line = self._motion(self._number(), SocketMove(positions=self._whole({})))
+            # The command of a joint that was never measured is NaN, so the half message has other positions.
+            line = self._motion(self._number(), SocketMove(positions=dict.fromkeys(self._stack.arm.joints, 0.0)))
             self._write(line[: len(line) // 2])
         self.hang_up()
 
