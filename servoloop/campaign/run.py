@@ -186,13 +186,7 @@ def end_program(stack: FaultyStack, hurry_s: float | None = None) -> None:
     stack.player.reach("end", stack.world.time_s)
     stack.ending = True
     second_s = math.inf if hurry_s is None else stack.clock.now() + hurry_s
-    stack.control_stack.end(lambda: stack.clock.now() >= second_s)
-    if stack.clock.now() >= second_s:
-        stack.files = _without_park_pose(stack.files)  # The user no longer expects the arm to park.
+    stack.end_problems = stack.control_stack.end(lambda: stack.clock.now() >= second_s)
+    stack.hurried = stack.clock.now() >= second_s
     for line in stack.lines.values():
         line.advance(stack.clock.now())
-
-
-def _without_park_pose(files: Files) -> Files:
-    robot_file = files.robot.file.model_copy(update={"park": None})
-    return replace(files, robot=replace(files.robot, file=robot_file))

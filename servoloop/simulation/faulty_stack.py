@@ -1,6 +1,6 @@
 """Simulated stack with fault injection."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from controller.forward.forward_command_controller import ForwardCommandController
@@ -39,6 +39,8 @@ class FaultyStack(SimulatedStack):
         self.clients: SimulatedClients | None = None
         self.ending = False
         """Whether the program is shutting down."""
+        self.end_problems: Sequence[str] = ()
+        """Failures that the program reported while it was shutting down."""
         self.narrowed: Mapping[str, tuple[float, float]] = {}
         """Narrowed joint limits (lower, upper) from the schedule, in rad or m."""
         self.goals = GoalLog(lambda: self.clock.now())

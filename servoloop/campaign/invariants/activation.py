@@ -7,7 +7,7 @@ from typing import Any, Final
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
-from hal.lifecycle import LifecycleState
+from hal.servos.soft_torque import Softening
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.campaign.invariants.invariant import DECEIVING, Invariant, reports_error
@@ -35,16 +35,21 @@ CHANGES: Final = frozenset(
 OUTSIDE_SHARE: Final = 0.06
 """Maximum distance outside the limits at which a joint may be activated, as a fraction of its range: 0.05 plus
 backlash."""
+LEAST_SHARE: Final = 0.9
+"""Smallest torque limit after an activation, as a fraction of the limit in the robot file or in the servo."""
 SOFT: Final = 0.8
 """Largest torque limit of a joint that is guided by hand, as a fraction of its usual limit."""
 SWITCH_CYCLES: Final = 2
 """Number of cycles after which all torque limits must be reduced."""
 STIFF_S: Final = 3.0
 """Time after which all torque limits must be restored, in seconds."""
-RESUME_CYCLES: Final = 3
-"""Number of cycles after which controllers must be active again."""
 RECOVERED_S: Final = 2.0
 """Time after which a fault without lasting effects no longer prevents an activation, in seconds."""
+RESTORED_S: Final = 4.0
+"""Time after which a fault without lasting effects no longer prevents the stack from changing a torque limit, in
+seconds."""
+REDUCED: Final = CHANGES - {"wrong_rate"}
+"""Faults after which a torque limit may differ from the value that the stack wrote last."""
 LOSSES: Final = frozenset({"brown_out", "loose_plug", "cable_cut"})
 """Faults after which an activation writes all values again."""
 
@@ -59,7 +64,7 @@ def wrong_torque_limit(joint: Joint, memory: Any, wanted: ReferenceJoint) -> str
     if series.torque_limit is None:
         raise ValueError(f"{joint.model.name} has no torque limit")
     held, most = memory.get(series.torque_limit), round(wanted.torque_limit * series.full_torque)
-    if 0 < held <= most and (held >= 0.9 * most or held >= 0.9 * memory.get(series.max_torque)):
+    if 0 < held <= most and (held >= LEAST_SHARE * most or held >= LEAST_SHARE * memory.get(series.max_torque)):
         return ""
     return f"{joint.name}: the torque limit is {held}, but the robot file has {most}"
 
@@ -71,7 +76,8 @@ class ActivatedAsConfigured(Invariant):
     that has lost power and is activated again. Without a fault, an arm within its limits is activated at the start, and
     whenever a client requests it.
 
-    While an arm is guided by hand, its torque limits are reduced, and they are restored afterward.
+    While an arm is guided by hand, its torque limits are reduced, and they are restored afterward. The stack knows each
+    servo whose torque limit is still reduced, so that it can restore this limit later.
     """
 
     name = "activated as configured"
@@ -83,9 +89,12 @@ class ActivatedAsConfigured(Invariant):
         self._released: set[str] = set()
         self._guided_cycles = self._stiff_cycles = 0
         """Numbers of consecutive cycles in which the arm could, or could not, be guided by hand."""
+        self._softened = False
+        """Whether the arm has been guided by hand."""
 
     def on_state(self, state: JointState) -> None:
-        self._examine_softness()
+        self._examine_softness(state)
+        self._examine_reductions()
         self._examine_requests()
         begins, self._was_active = self.active and not self._was_active, self.active
         self._ever_active = self._ever_active or begins
@@ -141,12 +150,30 @@ class ActivatedAsConfigured(Invariant):
             return False
         return not touches.kinds(name) & (DECEIVING | CHANGES - LOSSES)
 
-    def _examine_softness(self) -> None:
+    def _examine_reductions(self) -> None:
+        """Check that the stack knows each torque limit that it has reduced."""
+        parts = [one.hardware for one in self.stack.loop.hardware.components]
+        known = {name for part in parts if isinstance(part, Softening) for name in part.soft_torque.reduced}
+        for joint in self.joints if self._softened and self.active else ():
+            wanted, series = self._reference.get(joint.name), series_of(joint.model)
+            if joint.name in known or wanted is None or series.torque_limit is None:
+                continue
+            memory = self.servos[joint.name].memory
+            held, most = memory.get(series.torque_limit), wanted.torque_limit * series.full_torque
+            lowest = min(SOFT * most, LEAST_SHARE * memory.get(series.max_torque))
+            if self.stack.touches.kinds(joint.name) & REDUCED:
+                continue
+            self.examined += 1
+            if held < lowest:
+                self.say(f"{joint.name}: the torque limit is still reduced to {held}, but the stack does not know this")
+
+    def _examine_softness(self, state: JointState) -> None:
         """Check that the torque limits are reduced while the arm is guided by hand, and restored some time later."""
         freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
         if freedrive is None or not self.active:
             self._guided_cycles = self._stiff_cycles = 0
             return
+        self._softened = self._softened or freedrive.active
         self._guided_cycles = self._guided_cycles + 1 if freedrive.active else 0
         self._stiff_cycles = 0 if freedrive.active else self._stiff_cycles + 1
         guided = self._guided_cycles > SWITCH_CYCLES
@@ -154,7 +181,7 @@ class ActivatedAsConfigured(Invariant):
             return
         for joint in self.joints:
             wanted, series = self._reference.get(joint.name), series_of(joint.model)
-            skipped = joint.name not in self.arm.joints or self.stack.touches.kinds(joint.name)
+            skipped = joint.name not in self.arm.joints or joint.name in state.faults or self._limit_unknown(joint.name)
             if skipped or wanted is None or series.torque_limit is None:
                 continue
             self.examined += 1
@@ -163,6 +190,12 @@ class ActivatedAsConfigured(Invariant):
                 self.say(f"{joint.name} is guided by hand, but its torque limit is not reduced")
             elif not guided and (problem := wrong_torque_limit(joint, memory, wanted)):
                 self.say(f"{problem}, after the arm was guided by hand")
+
+    def _limit_unknown(self, joint: str) -> bool:
+        """Return whether a fault may have changed the torque limit of a joint, or prevented the stack from writing
+        it."""
+        touches = self.stack.touches
+        return bool(touches.kinds(joint) & CHANGES) or touches.since_s(joint) < RESTORED_S
 
     def _starts_wrong(self, joint: Joint) -> bool:
         """Return whether all wrong settings of a joint existed before the start, so that the activation corrects
@@ -192,56 +225,3 @@ class ActivatedAsConfigured(Invariant):
             self.say(f"{joint.name} was activated at {position:.4f}, far outside its limits {limits}")
         if not self.torque(joint):
             self.say(f"{joint.name} is active, but its torque is off")
-
-
-class ControllersResume(Invariant):
-    """After the limp joints of active hardware have been activated again, the same controllers are active as before.
-
-    A controller whose joints another controller has claimed in the meantime is not examined. If joints are still limp,
-    the activation has failed, and the controllers stay inactive.
-    """
-
-    name = "controllers resume"
-    promised = False
-
-    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
-        super().__init__(stack, say, arm)
-        self._running: set[str] = set()
-        """Names of the active controllers with command interfaces, in the last cycle without a transition."""
-        self._stayed_active = False
-        """Whether the hardware has stayed active since the last cycle without a transition."""
-        self._cycles: int | None = None
-        """Number of cycles since the end of a transition; None if no transition is examined."""
-
-    def on_state(self, state: JointState) -> None:
-        components, registry = self.stack.loop.hardware.components, self.stack.manager.registry
-        running = {one.spec.name for one in registry.running if one.controller.command_interfaces}
-        stays = all(one.hardware.state is LifecycleState.ACTIVE and one.error is None for one in components)
-        if any(one.leaving or one.switching for one in components):
-            self._stayed_active = stays and (self._cycles is None or self._stayed_active)
-            self._cycles = 0
-            return
-        self._stayed_active = self._stayed_active and stays
-        if self._cycles is not None:
-            self._cycles += 1
-            failed = any(one.incomplete for one in components) or self.upset or self.stack.ending
-            examined = self._stayed_active and not failed and bool(self._running)
-            if not examined or not self._missing(running):
-                self.examined += examined
-                self._cycles = None
-            elif self._cycles > RESUME_CYCLES:
-                names = ", ".join(sorted(self._missing(running)))
-                self.say(f"limp joints were activated again, but not their controllers: {names}")
-                self._cycles = None
-        if self._cycles is None:
-            self._running = running
-
-    def _missing(self, running: set[str]) -> set[str]:
-        """Return the former controllers that are not active and whose joints no other controller has claimed."""
-        registry = self.stack.manager.registry
-        return {
-            name
-            for name in self._running - running
-            if (controller := registry.loaded[name].controller) is not None
-            and not any(one in registry.claimed for one in controller.command_interfaces)
-        }

@@ -81,7 +81,8 @@ class SafeWire(Invariant):
         return not self.active and self.never_confirmed(joint, LEAP_COUNTS)
 
     def on_state(self, state: JointState) -> None:
-        off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []
+        shared = self.sharing_id
+        off = [joint.name for joint in self.joints if joint.name not in shared and not self.torque(joint)]
         for monitor in self._monitors.values():
             for name in monitor.enabled:
                 self._cycles_off.pop(name, None)

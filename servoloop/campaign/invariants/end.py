@@ -1,6 +1,7 @@
 """Invariant on the state of the arm after the program has ended."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
@@ -9,7 +10,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
-from hal.types import JointState
+from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.activation import CHANGES, wrong_torque_limit
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.campaign.invariants.reference import read_reference
@@ -21,13 +22,25 @@ WRITES_AGAIN_S: Final = 2.0
 """Maximum time, in seconds, that the stack needs to repeat a register write after a fault."""
 
 
+STOPPED: Final = 0.005
+"""Tolerance for the position at which a joint stops before the arm is parked, in rad or m."""
+STOPPED_PERIODS: Final = 2.0
+"""Number of periods that a joint may move on before it stops, in addition to its braking distance."""
+FAILED: Final = "could not "
+"""Beginning of the message about a step of the shutdown that failed. Errors of single servos begin differently."""
+OF_TORQUE: Final = ("could not switch", "could not release ")
+"""Beginnings of the messages about a step that disables torque."""
+
+
 class EndsAsChosen(Invariant):
     """At the end, the arm is held, or parked and released, as ``on_exit`` specifies, provided that its servos can be
     reached.
 
     A servo that should hold may still disable its torque to protect itself and report an error. The joints of a held
     arm do not press against an obstacle, and each has the torque limit from the robot file. A joint that is affected by
-    a fault while the program ends is exempt, unless the fault is a gear that jammed earlier.
+    a fault while the program ends is exempt, unless the fault is a gear that jammed earlier. No fault exempts a joint
+    from the report of the program: if a released joint is still driven, the program has reported this joint. A joint
+    that the park pose does not name stays where it stopped.
     """
 
     name = "ends as chosen"
@@ -40,6 +53,10 @@ class EndsAsChosen(Invariant):
         self._inactive = False
         """Whether a client had deactivated the hardware by the last cycle, in which case the torque is left
         unchanged."""
+        self._begin: tuple[FloatArray, FloatArray] | None = None
+        """Command of each joint in the last cycle before the end, in rad or m, and its velocity."""
+        self._ran = False
+        """Whether the hardware was active in any cycle. If not, the failed start has been reported."""
         self._happened = 0
         """Number of faults that had begun or ended by the last cycle."""
 
@@ -48,6 +65,11 @@ class EndsAsChosen(Invariant):
         self._inactive = self.stack.loop.hardware.state is LifecycleState.INACTIVE
         healthy = {joint.name for joint in self.joints if joint.name not in state.faults and self.torque(joint)}
         self._driven = healthy if self.active else set()
+
+        self._ran = self._ran or self.active
+        if not self.stack.ending:
+            loop = self.stack.loop
+            self._begin = loop.command.copy(), (loop.command - loop.previous_command) / loop.period_s
 
     def at_end(self) -> None:
         affected = self._affected_at_the_end()
@@ -68,7 +90,27 @@ class EndsAsChosen(Invariant):
         if not self._inactive:
             self.examined += len(reached)
             self._report("torque still enabled", on & reached)
+            if self._ran:
+                self._report("torque still enabled, which was not reported", on - self._reported())
         self._report("not parked", self._not_parked() & driven)
+        self._report("moved while the arm was parked", self._moved() & driven)
+
+    def _reported(self) -> set[str]:
+        """Return the joints that the program has reported because their torque may still be enabled.
+
+        A failure names a joint, its servo, its port or its component. A robot with one component does not name this
+        component.
+        """
+        components = self.stack.loop.hardware.components
+        texts = [text for text in self.stack.end_problems if text.startswith(OF_TORQUE) or not text.startswith(FAILED)]
+        reported = {joint for one in components if _named(one.name, texts) for joint in one.hardware.joints}
+        if len(components) == 1 and any(text.startswith(OF_TORQUE) for text in texts):
+            reported.update(components[0].hardware.joints)
+        for joint in self.joints:
+            names = joint.name, f"servo {joint.servo_id}", self.stack.ports[joint.bus].name
+            if any(_named(name, texts) for name in names):
+                reported.add(joint.name)
+        return reported
 
     def _has_failed(self, controller: str) -> bool:
         """Return whether a fault has made a trajectory controller fail, so that it can no longer relieve its joints."""
@@ -119,6 +161,26 @@ class EndsAsChosen(Invariant):
         pose = park.pose if park else {}
         return {name for name, position in pose.items() if not np.isclose(commands[name], position, atol=1e-6)}
 
+    def _moved(self) -> set[str]:
+        """Return the joints that the park pose does not name and that do not stay where they stop."""
+        park = self.stack.files.robot.file.park
+        if park is None or self._begin is None:
+            return set()
+        moved = set[str]()
+        ends = zip(self.commanded, *self._begin, self.stack.loop.command, self.stack.loop.limits, strict=True)
+        for name, start, velocity, end, limit in ends:
+            stop = start + velocity * abs(velocity) / (2.0 * limit.acceleration)
+            low, high = sorted(min(max(one, limit.lower), limit.upper) for one in (start, stop))
+            slack = STOPPED + STOPPED_PERIODS * abs(velocity) * self.stack.loop.period_s
+            if name not in park.pose and not low - slack <= end <= high + slack:
+                moved.add(name)
+        return moved
+
     def _report(self, state: str, joints: set[str]) -> None:
         if joints:
             self.say(f"{state}: {', '.join(sorted(joints))}")
+
+
+def _named(name: str, texts: Iterable[str]) -> bool:
+    """Return whether one of the texts contains a name as a whole word."""
+    return any(re.search(rf"\b{re.escape(name)}\b", text) for text in texts)

@@ -185,15 +185,23 @@ class Invariant:
         )
 
     @property
-    def shared_id(self) -> bool:
-        """Whether two servos have the same ID, because of a collision or lost EEPROM contents."""
-        if any(one.kind == "collision" for one in self.stack.player.active.values()):
-            return True
-        for line in self.stack.lines.values():
-            servos = line.servos
-            if len({one.servo_id for one in servos}) < len(servos):
-                return True
-        return False
+    def sharing_id(self) -> frozenset[str]:
+        """Return the joints whose servos share an ID, because of a collision or lost EEPROM contents."""
+        active = self.stack.player.active.values()
+        names = {name for one in active if one.kind == "collision" for name in self._of_collision(one)}
+        for bus, line in self.stack.lines.items():
+            ids = [one.servo_id for one in line.servos]
+            if len(set(ids)) < len(ids):
+                twice = {one for one in ids if ids.count(one) > 1}
+                on_bus = (joint for joint in self.joints if joint.bus == bus)
+                names.update(j.name for j in on_bus if {j.servo_id, self.servos[j.name].servo_id} & twice)
+        return frozenset(names)
+
+    def _of_collision(self, event: Event) -> set[str]:
+        """Return the joints of the servo whose replies are disturbed, and of the servo that disturbs them."""
+        ids = {getattr(event, "servo_id", None), getattr(event, "other_id", None)}
+        bus = getattr(event, "bus", None)
+        return {joint.name for joint in self.joints if joint.servo_id in ids and bus in (None, joint.bus)}
 
     def torque(self, joint: Joint) -> bool:
         """Return whether the torque of the joint's virtual servo is enabled. The stack may report a different state."""

@@ -63,13 +63,14 @@ class NamedAlone(Invariant):
 
     def on_state(self, state: JointState) -> None:
         self._examine_losses()
-        if not self.active or self.shared_id:
+        if not self.active:
             self._missing.clear()
             self._wrong.clear()
             return
         active = self.stack.player.active.values()
         silent = {name for event in active if self._silences(event) for name in touched_joints(event, self.joints)}
-        working = {joint.name for joint in self.joints if self._works(joint)}
+        silent -= self.sharing_id
+        working = {joint.name for joint in self.joints if self._works(joint)} - self.sharing_id
         self.examined += len(silent) + len(working) * bool(active)
         self._missing = Counter({joint: self._missing[joint] + 1 for joint in silent - state.faults.keys()})
         wrong = {name for name in state.faults.keys() & working if not self._is_lost_with_another(state.faults[name])}
@@ -113,10 +114,10 @@ class TakenBack(Invariant):
         self._reported_s = defaultdict[str, float](float)
 
     def on_state(self, state: JointState) -> None:
-        touches, usable = self.stack.touches, self.active and not self.shared_id
+        touches, active, shared = self.stack.touches, self.active, self.sharing_id
         for joint in self.joints:
             passing = touches.kinds(joint.name) <= PASSING and touches.since_s(joint.name) > 0.0
-            if not usable or not passing or not self.torque(joint):
+            if not active or joint.name in shared or not passing or not self.torque(joint):
                 self._reported_s[joint.name] = 0.0
                 continue
             reported = joint.name in state.faults
@@ -139,7 +140,7 @@ class MeasuredNow(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._shared_before = True
+        self._shared_before = frozenset(joint.name for joint in self.joints)
         self._turns = [joint.model.counts_per_turn for joint in self.joints]
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
         servos = [self.servos[joint.name] for joint in self.joints]
@@ -160,12 +161,12 @@ class MeasuredNow(Invariant):
         self._steps.append(self._sample())
 
     def on_state(self, state: JointState) -> None:
-        shared = self.shared_id
+        shared = self.sharing_id
         samples = _decoded(np.array(self._steps))[:, self._columns]
         lowest_of, highest_of = samples.min(axis=0), samples.max(axis=0)
         for place, joint in enumerate(self.joints):
             falsified = self.stack.touches.since_s(joint.name, FALSIFYING) <= 0.0
-            if joint.name in state.faults or shared or self._shared_before or falsified:
+            if joint.name in state.faults or joint.name in shared | self._shared_before or falsified:
                 continue
             self.examined += 1
             counts = state.position[self._order[place]] / joint.units_per_count + joint.zero_counts

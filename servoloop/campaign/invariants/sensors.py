@@ -82,7 +82,7 @@ class MotionIsTrue(Invariant):
     def on_state(self, state: JointState) -> None:
         here, before = self.stack.world.position()[self._world], self._before
         self._before = here
-        if before is None or not self.active or self.shared_id:
+        if before is None or not self.active:
             self._rows.clear()
             return
         effort = self.stack.world.arrays.effort[self._efforts].copy()
@@ -93,9 +93,10 @@ class MotionIsTrue(Invariant):
         speeds = np.abs(velocities) / self._limits
         moves = speeds.min(axis=0) > MOVES
         pulls = (np.abs(efforts).min(axis=0) > self._pulls) & (speeds.max(axis=0) < STANDS)
+        shared = self.sharing_id
         for place in np.flatnonzero(moves | pulls).tolist():
             name = self._names[place]
-            if name in state.faults or self.deceived(name) or self.servos[name].on_read:
+            if name in state.faults or name in shared or self.deceived(name) or self.servos[name].on_read:
                 continue
             quantity, true = ("velocity", velocities) if moves[place] else ("effort", efforts)
             found = float(getattr(state, quantity)[self._reported[place]])
@@ -130,10 +131,10 @@ class HealthIsTrue(Invariant):
         self._temperature = {joint.name: _register(joint, TEMPERATURES) for joint in self.joints}
 
     def on_state(self, state: JointState) -> None:
-        usable = self.active and not self.shared_id
+        active, shared = self.active, self.sharing_id
         for joint in self.joints:
             health = state.health.get(joint.name)
-            if not usable or joint.name in state.faults or self.servos[joint.name].on_read:
+            if not active or joint.name in state.faults.keys() | shared or self.servos[joint.name].on_read:
                 health = None
             self.examined += health is not None
             found = {} if health is None else self._differences(joint, health)

@@ -93,16 +93,16 @@ class ReportedTruly(Invariant):
     def on_state(self, state: JointState) -> None:
         reported = state.position[self._reported].tolist()
         before, self._before = self._before, reported
-        if not len(self._steps) or self.shared_id:
+        if not len(self._steps):
             return
         lowest, highest = self._steps.min(axis=0).tolist(), self._steps.max(axis=0).tolist()
         if state.faults and before and not self._switched_cycles:
             self._keeps_unread(state, before, reported)
-        self._switched_cycles = max(self._switched_cycles - 1, 0)
+        self._switched_cycles, shared = max(self._switched_cycles - 1, 0), self.sharing_id
         for place, name in enumerate(self._names):
             if name in state.faults:
                 self._reported_s[name] = state.stamp_s
-            if name in state.faults or self._believes(name, state.stamp_s):
+            if name in state.faults or name in shared or self._believes(name, state.stamp_s):
                 continue
             self.examined += 1
             low, high = lowest[place] - self._slack[place], highest[place] + self._slack[place]

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.activation import ActivatedAsConfigured, ControllersResume
+from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.first_reason import FirstReasonDecides
@@ -27,6 +27,7 @@ from servoloop.campaign.invariants.presses import LongPressesAreReduced
 from servoloop.campaign.invariants.programs import ProgramsAreInformed, StreamsAreFollowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
+from servoloop.campaign.invariants.resumption import ControllersResume
 from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
 from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
 from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly
