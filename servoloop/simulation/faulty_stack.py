@@ -14,7 +14,7 @@ from servoloop.simulation.program_log import ProgramLog
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import StackFaults, Upsettable
 from servoloop.simulation.touches import Touches
-from sim_backend.buses.build import NOMINAL_BUILD
+from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.buses.port import VirtualAdapter
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import FaultTargets
@@ -50,7 +50,9 @@ class FaultyStack(SimulatedStack):
         """Messages that the programs on the command socket have received."""
         super().__init__(**options)
         self.arms = tuple(cast(JointTrajectoryController, self.controllers[one.name]) for one in self.arms)
-        self.arm = self.arms[number_of_arm(options.get("build", NOMINAL_BUILD).seed, len(self.arms))]
+        self.build: Build = options.get("build", NOMINAL_BUILD)
+        """Build of the virtual servos and of the arm."""
+        self.arm = self.arms[number_of_arm(self.build.seed, len(self.arms))]
         self.adapters = {
             name: VirtualAdapter(line, self.clock, self.ports[name].name) for name, line in self.lines.items()
         }

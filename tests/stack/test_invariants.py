@@ -15,6 +15,7 @@ from drivers.types import ServoGoal
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
+from hal.servos.activation import Activation
 from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
 from pick_place.settings import JobSettings
@@ -22,7 +23,7 @@ from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.goals import GoalsEnd
 from servoloop.campaign.invariants.watch import Watch
 from servoloop.campaign.run import RunReport, run_schedule, with_exit_policy
-from servoloop.simulation.acts import Act, Cancel, Move
+from servoloop.simulation.acts import Act, Cancel, Move, Reactivate
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.robot_files import read_files
@@ -237,6 +238,16 @@ def test_a_planted_bug_is_detected_and_its_schedule_passes_without_the_bug(
     assert run_schedule(FILES, {"": JobSettings()}, schedule).violations == ()
     BUGS[bug][0](monkeypatch)
     assert invariant in violated(run_schedule(FILES, {"": JobSettings()}, schedule))
+
+
+def test_a_failed_activation_that_releases_driven_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Servo 3 becomes silent while the driven arm is being activated."""
+    fault, clients = parse("silent id=3 at=1.34s for=1.5s"), (Reactivate(at_s=0.2, for_s=0.5),)
+    schedule = Schedule(seed=3, seconds=2.0, clients=clients, faults=(fault,))
+    assert run_schedule(FILES, {"": JobSettings()}, schedule).violations == ()
+    monkeypatch.setattr(Activation, "undo", lambda activation: activation._setup.torque_off(activation._joints))
+    texts = {one.invariant: one.text for one in run_schedule(FILES, {"": JobSettings()}, schedule).violations}
+    assert "a failed activation has released it" in texts["activated as configured"]
 
 
 def test_a_robot_with_two_components_is_examined_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

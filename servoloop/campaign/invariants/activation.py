@@ -74,7 +74,7 @@ class ActivatedAsConfigured(Invariant):
 
     A joint that was far outside its limits must not have been activated. Both conditions also hold for a single servo
     that has lost power and is activated again. Without a fault, an arm within its limits is activated at the start, and
-    whenever a client requests it.
+    whenever a client requests it. A failed activation does not release joints that were driven before.
 
     While an arm is guided by hand, its torque limits are reduced, and they are restored afterward. The stack knows each
     servo whose torque limit is still reduced, so that it can restore this limit later.
@@ -87,6 +87,8 @@ class ActivatedAsConfigured(Invariant):
         self._reference = read_reference(stack.files, stack.narrowed)
         self._was_active = self._ever_active = False
         self._released: set[str] = set()
+        self._held: set[str] = set()
+        """Joints that were driven in the previous cycle."""
         self._guided_cycles = self._stiff_cycles = 0
         """Numbers of consecutive cycles in which the arm could, or could not, be guided by hand."""
         self._softened = False
@@ -96,6 +98,7 @@ class ActivatedAsConfigured(Invariant):
         self._examine_softness(state)
         self._examine_reductions()
         self._examine_requests()
+        self._held = {joint.name for joint in self.joints if self.torque(joint)}
         begins, self._was_active = self.active and not self._was_active, self.active
         self._ever_active = self._ever_active or begins
         released, self._released = self._released, self.released(state)
@@ -125,14 +128,24 @@ class ActivatedAsConfigured(Invariant):
         requests = self.stack.activations
         for request in [request for request in requests if request.done]:
             requests.remove(request)
-            if self.stack.ending or not self._within_limits():
+            if self.stack.ending:
                 continue
-            self.examined += 1
             try:
                 request.result()
             except Exception as error:
-                if all(map(self._healthy, self._blamed(str(error)))):
+                self._examine_held(str(error))
+                if self._within_limits() and all(map(self._healthy, self._blamed(str(error)))):
                     self.say(f"{request} was refused without a fault: {error}")
+            self.examined += self._within_limits()
+
+    def _examine_held(self, error: str) -> None:
+        """Check that a failed activation has not released joints that were driven before."""
+        for joint in self.joints:
+            if joint.name not in self._held or self.stack.touches.since_s(joint.name, CHANGES) <= RECOVERED_S:
+                continue
+            self.examined += 1
+            if not self.torque(joint) and not reports_error(joint, self.servos[joint.name]):
+                self.say(f"{joint.name} was driven, but a failed activation has released it: {error}")
 
     def _within_limits(self) -> bool:
         true = self.true_positions()

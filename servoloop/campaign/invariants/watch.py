@@ -23,6 +23,7 @@ from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudg
 from servoloop.campaign.invariants.grips import GripsAreFollowed
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
+from servoloop.campaign.invariants.offsets import OffsetsCarryTheWeight
 from servoloop.campaign.invariants.presses import LongPressesAreReduced
 from servoloop.campaign.invariants.programs import ProgramsAreInformed, StreamsAreFollowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
@@ -40,6 +41,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     SafeCommands,
     NoFasterThanAllowed,
     GoalsMeanCommands,
+    OffsetsCarryTheWeight,
     ReportedTruly,
     MotionIsTrue,
     HealthIsTrue,

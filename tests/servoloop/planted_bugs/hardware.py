@@ -10,7 +10,9 @@ from controller import shutdown
 from controller.loop import ControlLoop
 from drivers.bus.bus import Bus
 from drivers.driver_errors import ServoError
+from hal.joint import Joint
 from hal.leaps import Plausibility
+from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.soft_torque import SoftTorque
 from tests.servoloop.planted_bugs.registry import detected_by
 
@@ -58,3 +60,31 @@ def joints_outside_the_park_pose_move_to_zero(patch: pytest.MonkeyPatch) -> None
         return park(loop, dict.fromkeys(names, 0.0) | pose, scale, hurry)
 
     patch.setattr(shutdown, "_park", wrong)
+
+
+@detected_by("offsets carry the weight")
+def goals_are_truncated(patch: pytest.MonkeyPatch) -> None:
+    def wrong(joint: Joint, position: float) -> int:
+        lower, upper = joint.counts_range()
+        inside = min(max(position, joint.limits.lower), joint.limits.upper)
+        return min(max(int(inside / joint.units_per_count) + joint.zero_counts, lower), upper)
+
+    patch.setattr(Joint, "counts", wrong)
+
+
+@detected_by("offsets carry the weight")
+def gravity_offsets_stay_at_an_old_pose(patch: pytest.MonkeyPatch) -> None:
+    offset = GravityCompensation._offset
+
+    def wrong(carried: GravityCompensation, command: list[float], *more: Any) -> Any:
+        if any(carried._torques):
+            carried._weighed = command
+        return offset(carried, command, *more)
+
+    patch.setattr(GravityCompensation, "_offset", wrong)
+
+
+@detected_by("offsets carry the weight")
+def a_reactivation_resets_all_offsets(patch: pytest.MonkeyPatch) -> None:
+    restart = GravityCompensation.restart
+    patch.setattr(GravityCompensation, "restart", lambda carried, joints=None: restart(carried))

@@ -1,0 +1,205 @@
+"""Invariant on the offsets between goals and commands: they carry the weight of the arm, and they do not jump."""
+
+import copy
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.servos.catalog import series_of
+from hal.lifecycle import LifecycleState
+from hal.types import JointState
+from servoloop.api.freedrive import FREEDRIVE
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
+from servoloop.campaign.invariants.wire_monitor import GoalReader
+from servoloop.simulation.faulty_stack import FaultyStack
+from sim_backend.line.spread import Quantity, Spread
+
+STEADY_CYCLES: Final = 5
+"""Minimum number of cycles for which a joint must be free before its offset is examined, and for which its command must
+be constant before a jump of the offset is examined."""
+SAME: Final = 1e-6
+"""Largest change of a constant command per cycle, in rad or m."""
+JUMP_COUNTS: Final = 8.0
+"""Largest change of an offset per cycle while the command is constant, in counts. The damping of an oscillation changes
+an offset by up to six counts."""
+SLACK_COUNTS: Final = 4.0
+"""Largest difference between an offset and its bounds that is due to damping and rounding, in counts."""
+CARRIED: Final = 2.0
+"""Minimum sag at which gravity holds a joint at one end of its backlash, as a multiple of the servo's dead band. A
+joint with a smaller sag may oscillate. Its correction is then discarded at once."""
+ROUNDED: Final = 0.51
+"""Largest difference between a goal and its exact value, in counts."""
+WEIGHT_SHARE: Final = 0.1
+"""Largest difference between an offset and the sag due to the joint's weight, as a fraction of the sag."""
+LEVER: Final = 0.1
+"""Largest change of a joint's sag, in rad or m, per rad or m of the arm's joints."""
+NEAR_COUNTS: Final = 20.0
+"""Largest distance of a joint from its command at which the joint counts as free, in counts."""
+
+
+@dataclass(slots=True)
+class _Goal:
+    """Latest goal of a joint."""
+
+    counts: int
+    offset: float
+    """Difference between the goal and the command, in counts of the servo, positive in the joint's direction."""
+
+
+class OffsetsCarryTheWeight(Invariant):
+    """The goal of a joint is offset from its command by the sag due to the joint's weight and a small correction.
+
+    The weight is computed with MuJoCo, from the nominal masses of the scene and the pose of the simulated world. The
+    correction may cancel the sag of a joint that is held above its command. The offset of a joint that carries weight
+    does not jump while the command is constant, for example when other joints are activated again. Each goal is the
+    count that is nearest to the command plus the offset that the stack has computed. A joint with a fault, a joint that
+    is far from its command, and an arm that is guided by hand are skipped.
+    """
+
+    name = "offsets carry the weight"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
+        super().__init__(stack, say, arm)
+        reference = read_reference(stack.files)
+        self._reference = reference
+        self._by_id = {
+            bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines
+        }
+        self._readers = {
+            name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
+            for name, line in stack.lines.items()
+        }
+        self._weight = _Weight(stack)
+        known = {joint.name: joint.compliance for joint in self.joints if joint.name in self.driven_joints}
+        self._compliances = {name: one for name, one in known.items() if one is not None}
+        self._sagging = [name for name in self._compliances if name in reference]
+        """Joints of the trajectory controllers whose sag is known."""
+        self._goals: dict[str, _Goal] = {}
+        self._jumps: dict[str, float] = {}
+        """Largest change of each offset since the last cycle, in counts."""
+        self._errors: dict[str, float] = {}
+        """Following error of each joint whose sag is known, in rad or m."""
+        self._steady, self._free = Counter[str](), Counter[str]()
+        """Number of cycles for which each command was constant, and number of cycles for which each joint was near its
+        command, had no fault and was not stalled."""
+
+    def on_write(self, bus: str, data: bytes) -> None:
+        for servo_id, counts in self._readers[bus].read(data).items():
+            joint = self._by_id[bus].get(servo_id)
+            if joint is None:
+                continue
+            command = float(self.stack.loop.command[self.commanded.index(joint.name)])
+            offset = math.copysign(1.0, joint.units_per_count) * (
+                counts - joint.zero_counts - command / joint.units_per_count
+            )
+            self._examine_rounding(joint, counts, command)
+            last, self._goals[joint.name] = self._goals.get(joint.name), _Goal(counts, offset)
+            if last is not None:
+                self._jumps[joint.name] = max(self._jumps.get(joint.name, 0.0), abs(offset - last.offset))
+
+    def _examine_rounding(self, joint: ReferenceJoint, counts: int, command: float) -> None:
+        """Check that a goal that is not limited is the count that is nearest to command plus offset."""
+        last, wanted = self._goals.get(joint.name), command + self._offset(joint.name)
+        exact = joint.zero_counts + wanted / joint.units_per_count
+        limit, unit = self.stack.loop.limits[self.commanded.index(joint.name)], abs(joint.units_per_count)
+        reach = limit.velocity * self.stack.loop.period_s / unit
+        free = last is not None and abs(exact - last.counts) < reach and self._free[joint.name] > STEADY_CYCLES
+        if not free or self.stack.ending or not limit.lower + unit < wanted < limit.upper - unit:
+            return
+        self.examined += 1
+        if abs(counts - exact) > ROUNDED:
+            self.say(f"{joint.name} has the goal {counts}, but its command plus offset is {exact:.2f} counts")
+
+    def _offset(self, joint: str) -> float:
+        """Return the offset that the stack adds to the next command of a joint, in rad or m."""
+        own = (one for one in self.stack.made if joint in one.joints)
+        hardware = next((one for one in own if one.compensation is not None), None)
+        if hardware is None or hardware.compensation is None:
+            return 0.0
+        return float(hardware.compensation.offsets[hardware.joints.index(joint)])
+
+    def on_state(self, state: JointState) -> None:
+        jumps, self._jumps = self._jumps, {}
+        if self.stack.loop.hardware.state is not LifecycleState.ACTIVE or self._guided():
+            self._goals.clear()
+            self._steady.clear()
+            self._free.clear()
+            return
+        self._count(state)
+        free = {name for name, cycles in self._free.items() if cycles > STEADY_CYCLES and name in self._goals}
+        if not free:
+            return
+        sags = self._sags()
+        for name in free & jumps.keys() & sags.keys():
+            if self._steady[name] > STEADY_CYCLES and abs(sags[name]) > CARRIED * self._compliances[name].dead_band:
+                self.examined += 1
+                if jumps[name] > JUMP_COUNTS:
+                    self.say(f"the command of {name} is constant, but its goal jumps by {jumps[name]:.1f} counts")
+        if all(self._free[name] > STEADY_CYCLES for name in self._sagging):
+            for name in free & sags.keys():
+                self._examine_weight(name, sags[name], sum(self._errors.values()))
+
+    def _sags(self) -> Mapping[str, float]:
+        """Return the distance by which each joint would sag without an offset, in rad or m."""
+        torques = self._weight.torques()
+        return {name: torques[name] / self._compliances[name].stiffness for name in self._sagging}
+
+    def _guided(self) -> bool:
+        freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
+        return freedrive is not None and freedrive.active
+
+    def _count(self, state: JointState) -> None:
+        """Count the cycles in which each command was constant and each joint was free."""
+        true, loop = self.true_positions(), self.stack.loop
+        for place, name in enumerate(self.commanded):
+            joint = self._reference.get(name)
+            if joint is None:
+                continue
+            now, before = float(loop.command[place]), float(loop.previous_command[place])
+            self._steady[name] = self._steady[name] + 1 if abs(now - before) <= SAME else 0
+            health, apart = state.health.get(name), abs(true[name] - now)
+            stalled = health is None or health.stall is not None
+            near = apart <= NEAR_COUNTS * abs(joint.units_per_count)
+            self._free[name] = self._free[name] + 1 if near and not stalled and name not in state.faults else 0
+            if name in self._sagging:
+                self._errors[name] = apart
+
+    def _examine_weight(self, name: str, sag: float, apart: float) -> None:
+        """Compare the offset of a joint with its weight. ``apart`` is the sum of all following errors, in rad or m."""
+        self.examined += 1
+        unit, spare = abs(self._reference[name].units_per_count), self._compliances[name].uncorrected
+        offset = self._goals[name].offset * unit
+        slack = SLACK_COUNTS * unit + WEIGHT_SHARE * abs(sag) + LEVER * apart
+        low, high = (min(sag - spare, 0.0), sag + spare) if sag >= 0.0 else (sag - spare, max(sag + spare, 0.0))
+        if not low - slack <= offset <= high + slack:
+            self.say(f"the goal of {name} is offset by {offset:+.4f}, but its weight makes it sag by {-sag:+.4f}")
+
+
+class _Weight:
+    """Weights of the arm, computed by MuJoCo for the nominal masses of the scene and the pose of the simulated
+    world."""
+
+    def __init__(self, stack: FaultyStack) -> None:
+        self._world = stack.world
+        self._model: Any = copy.copy(stack.world.model)
+        if stack.build.seed is not None:
+            spread = Spread(stack.build.seed)
+            self._model.body_mass /= [spread.factor(Quantity.MASS, body) for body in range(self._model.nbody)]
+        self._data: Any = mujoco.MjData(self._model)
+
+    def torques(self) -> Mapping[str, float]:
+        """Return the torque or force that carries each joint's weight, in N m or N, keyed by joint name."""
+        self._data.qpos[:] = self._world.data.qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_comVel(self._model, self._data)
+        torques = np.zeros(self._model.nv)
+        mujoco.mj_rne(self._model, self._data, 0, torques)
+        return {name: float(torques[self._model.joint(name).dofadr[0]]) for name in self._world.joints}
