@@ -1,7 +1,7 @@
 """Invariant on the state of the arm after the program has ended."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.activation import CHANGES, wrong_torque_limit
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.campaign.invariants.reference import read_reference
+from servoloop.campaign.invariants.reports import LOSING
 from servoloop.campaign.invariants.rest import CREEPS, PRESSES_SHARE
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
@@ -40,7 +41,7 @@ class EndsAsChosen(Invariant):
     arm do not press against an obstacle, and each has the torque limit from the robot file. A joint that is affected by
     a fault while the program ends is exempt, unless the fault is a gear that jammed earlier. No fault exempts a joint
     from the report of the program: if a released joint is still driven, the program has reported this joint. A joint
-    that the park pose does not name stays where it stopped.
+    that the park pose does not name stays where it stopped. The servos of a lost component of a held arm stay driven.
     """
 
     name = "ends as chosen"
@@ -50,6 +51,8 @@ class EndsAsChosen(Invariant):
         self._reference = read_reference(stack.files, stack.narrowed)
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
+        self._lost: set[str] = set()
+        """Joints of lost components that were driven in the last cycle."""
         self._inactive = False
         """Whether a client had deactivated the hardware by the last cycle, in which case the torque is left
         unchanged."""
@@ -65,6 +68,8 @@ class EndsAsChosen(Invariant):
         self._inactive = self.stack.loop.hardware.state is LifecycleState.INACTIVE
         healthy = {joint.name for joint in self.joints if joint.name not in state.faults and self.torque(joint)}
         self._driven = healthy if self.active else set()
+        lost = {joint for component in self.stack.loop.hardware.lost for joint in component.hardware.joints}
+        self._lost = {joint.name for joint in self.joints if joint.name in lost and self.torque(joint)}
 
         self._ran = self._ran or self.active
         if not self.stack.ending:
@@ -72,13 +77,16 @@ class EndsAsChosen(Invariant):
             self._begin = loop.command.copy(), (loop.command - loop.previous_command) / loop.period_s
 
     def at_end(self) -> None:
-        affected = self._affected_at_the_end()
+        affected = self._affected_at_the_end({"jammed"})
         on = {joint.name for joint in self.joints if self.torque(joint)}
         driven = self._driven - affected
         self.examined += len(driven)
         if not self.stack.control_stack.releases:
             without_error = {joint.name for joint in self.joints if not reports_error(joint, self.servos[joint.name])}
             self._report("released instead of held", (driven & without_error) - on)
+            lost = (self._lost & without_error) - self._affected_at_the_end({"jammed", LOSING})
+            self.examined += len(lost)
+            self._report("released instead of held, although its component was lost", lost - on)
             for joint in self.joints:
                 if joint.name in driven & on:
                     self._examine_limit(joint)
@@ -144,13 +152,14 @@ class EndsAsChosen(Invariant):
         off = self.off_command(joint, self.true_positions()[joint])
         return off > PRESSES_SHARE * (limit.upper - limit.lower)
 
-    def _affected_at_the_end(self) -> set[str]:
+    def _affected_at_the_end(self, lasting: Collection[str]) -> set[str]:
         """Return the joints that faults have affected since the last cycle.
 
-        Gears that jammed earlier are not an excuse, because the stack must relieve the joint.
+        Faults of the kinds ``lasting`` that began earlier are not an excuse. For example, the stack must relieve a
+        joint whose gears have jammed.
         """
-        lasting = (event for event in self.stack.player.active.values() if event.kind != "jammed")
-        events = (*self.stack.player.happened[self._happened :], *lasting)
+        active = (event for event in self.stack.player.active.values() if event.kind not in lasting)
+        events = (*self.stack.player.happened[self._happened :], *active)
         if any(event.kind == "stall" for event in events):
             return {joint.name for joint in self.joints}
         return {name for event in events for name in touched_joints(event, self.joints)}

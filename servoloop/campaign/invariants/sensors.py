@@ -1,5 +1,6 @@
 """Invariants on reported velocities, efforts, temperatures, voltages and alarms."""
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -7,12 +8,13 @@ from typing import Final
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Register
 from drivers.servos.voltage import voltage_range
 from hal.joint import Joint
 from hal.types import FloatArray, JointState, ServoHealth
 from servoloop.campaign.invariants.invariant import Invariant, error_bits
+from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 MOVES: Final = 0.15
@@ -36,6 +38,8 @@ STEADY: Final = 1.5
 """Maximum ratio between the true values in the latest cycles at which the reported magnitude is checked."""
 WRONG_CYCLES: Final = 2
 """Maximum number of consecutive cycles in which a value may be wrong because it changed within a cycle."""
+QUANTITIES: Final = ("voltage", "supply", "current", "temperature", "alarms")
+"""Parts of a servo's health that are compared with its registers."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")
 TEMPERATURES: Final = ("present_temperature",)
 ALARMS: Final = {
@@ -56,6 +60,10 @@ OFF_V: Final = 1.0
 """Allowed difference between a reported voltage and the servo's register, in V."""
 OFF_C: Final = 3.0
 """Allowed difference between a reported temperature and the servo's register, in degrees Celsius."""
+CURRENT_UNITS_A: Final = {"xl330": 0.001, "xc330": 0.001, "xm430": 0.00269, "xm540": 0.00269}
+"""Units of the current registers of Dynamixel X families in A (e-manual), written independently of the drivers."""
+OFF_A: Final = 0.003
+"""Allowed difference between a reported current and the servo's register, in A."""
 LATE_S: Final = 1.0
 """Maximum time until a change in a servo's health is reported, in seconds."""
 
@@ -119,8 +127,8 @@ def _near(reported: float, true: FloatArray, factor: float) -> bool:
 
 
 class HealthIsTrue(Invariant):
-    """Reported voltages, temperatures and alarms agree with the servo's registers, and wrong voltages are reported as
-    faults."""
+    """Reported voltages, currents, temperatures and alarms agree with the servo's registers, and wrong voltages are
+    reported as faults. The current of a servo that measures its current is never unknown."""
 
     name = "health is true"
 
@@ -128,6 +136,9 @@ class HealthIsTrue(Invariant):
         super().__init__(stack, say, arm)
         self._off_s = defaultdict[tuple[str, str], float](float)
         self._voltage = {joint.name: _register(joint, VOLTAGES) for joint in self.joints}
+        self._current = {joint.name: _current_of(joint) for joint in self.joints}
+        reference = read_reference(stack.files)
+        self._sign = {name: math.copysign(1.0, joint.units_per_count) for name, joint in reference.items()}
         self._temperature = {joint.name: _register(joint, TEMPERATURES) for joint in self.joints}
 
     def on_state(self, state: JointState) -> None:
@@ -138,7 +149,7 @@ class HealthIsTrue(Invariant):
                 health = None
             self.examined += health is not None
             found = {} if health is None else self._differences(joint, health)
-            for quantity in ("voltage", "supply", "temperature", "alarms"):
+            for quantity in QUANTITIES:
                 key = joint.name, quantity
                 self._off_s[key] = self._off_s[key] + self.stack.loop.period_s if quantity in found else 0.0
                 if self._off_s[key] > LATE_S:
@@ -157,6 +168,11 @@ class HealthIsTrue(Invariant):
                 found["supply"] = f"usual, but the register is {true:.1f} V"
         if temperature is not None and abs((celsius := memory.get(temperature)) - health.temperature_c) > OFF_C:
             found["temperature"] = f"{health.temperature_c:g} degrees, but the register is {celsius:g} degrees"
+        if (current := self._current[joint.name]) is not None and joint.name in self._sign:
+            register, unit_a = current
+            ampere = memory.get(register) * unit_a * self._sign[joint.name]
+            if not abs(ampere - health.current_a) <= OFF_A:
+                found["current"] = f"{health.current_a:.3f} A, but the register is {ampere:.3f} A"
         alarms = _alarms(error_bits(joint, self.servos[joint.name]))
         if alarms != set(health.alarms):
             reported, true = (", ".join(sorted(names)) or "none" for names in (health.alarms, alarms))
@@ -167,6 +183,14 @@ class HealthIsTrue(Invariant):
 def _alarms(registers: Iterable[tuple[str, int]]) -> set[str]:
     """Return the names of the alarms in error registers, given as pairs of a register name and a value."""
     return {name for register, bits in registers for bit, name in ALARMS[register].items() if bits >> bit & 1}
+
+
+def _current_of(joint: Joint) -> tuple[Register, float] | None:
+    """Return the register with the current of the joint's servo and the unit of this register, in A."""
+    registers = {one.name: one for one in registers_of(joint.model)}
+    unit_a = next((unit for family, unit in CURRENT_UNITS_A.items() if joint.model.name.startswith(family)), None)
+    register = registers.get("present_current")
+    return None if register is None or unit_a is None else (register, unit_a)
 
 
 def _register(joint: Joint, names: tuple[str, ...]) -> Register | None:

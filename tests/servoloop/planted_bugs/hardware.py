@@ -9,6 +9,7 @@ import pytest
 from controller import shutdown
 from controller.loop import ControlLoop
 from drivers.bus.bus import Bus
+from drivers.bus.known_servos import KnownServos
 from drivers.driver_errors import ServoError
 from hal.joint import Joint
 from hal.leaps import Plausibility
@@ -88,3 +89,25 @@ def gravity_offsets_stay_at_an_old_pose(patch: pytest.MonkeyPatch) -> None:
 def a_reactivation_resets_all_offsets(patch: pytest.MonkeyPatch) -> None:
     restart = GravityCompensation.restart
     patch.setattr(GravityCompensation, "restart", lambda carried, joints=None: restart(carried))
+
+
+@detected_by("health is true")
+def currents_have_the_unit_of_another_model(patch: pytest.MonkeyPatch) -> None:
+    scales = KnownServos._scales
+
+    def wrong(servos: KnownServos, servo_ids: Sequence[int]) -> dict[int, float | None]:
+        return {i: None if unit is None else 0.00269 for i, unit in scales(servos, servo_ids).items()}
+
+    patch.setattr(KnownServos, "_scales", wrong)
+
+
+@detected_by("ends as chosen")
+def lost_components_of_a_held_arm_are_released(patch: pytest.MonkeyPatch) -> None:
+    check_torque = shutdown._check_torque
+
+    def wrong(loop: ControlLoop) -> None:
+        for component in loop.hardware.lost:
+            shutdown._release(component)
+        check_torque(loop)
+
+    patch.setattr(shutdown, "_check_torque", wrong)
