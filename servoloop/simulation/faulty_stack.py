@@ -41,6 +41,8 @@ class FaultyStack(SimulatedStack):
         """Whether the program is shutting down."""
         self.end_problems: Sequence[str] = ()
         """Failures that the program reported while it was shutting down."""
+        self.hurried = False
+        """Whether a second signal has ended the program, so that the arm need not be in its park pose."""
         self.narrowed: Mapping[str, tuple[float, float]] = {}
         """Narrowed joint limits (lower, upper) from the schedule, in rad or m."""
         self.goals = GoalLog(lambda: self.clock.now())

@@ -165,14 +165,14 @@ class EndsAsChosen(Invariant):
         return {name for event in events for name in touched_joints(event, self.joints)}
 
     def _not_parked(self) -> set[str]:
-        park = self.stack.files.robot.file.park
+        park = None if self.stack.hurried else self.stack.files.robot.file.park
         commands = dict(zip(self.commanded, self.stack.loop.command, strict=True))
         pose = park.pose if park else {}
         return {name for name, position in pose.items() if not np.isclose(commands[name], position, atol=1e-6)}
 
     def _moved(self) -> set[str]:
         """Return the joints that the park pose does not name and that do not stay where they stop."""
-        park = self.stack.files.robot.file.park
+        park = None if self.stack.hurried else self.stack.files.robot.file.park
         if park is None or self._begin is None:
             return set()
         moved = set[str]()

@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -31,6 +31,10 @@ JUMP_COUNTS: Final = 8.0
 an offset by up to six counts."""
 SLACK_COUNTS: Final = 4.0
 """Largest difference between an offset and its bounds that is due to damping and rounding, in counts."""
+SAG_CYCLES: Final = 4
+"""Number of cycles in which the sag of a joint is compared with a jump of its offset."""
+AHEAD: Final = 2.0
+"""Largest change of an offset, as a multiple of the change of the sag, because offsets are computed ahead of time."""
 CARRIED: Final = 2.0
 """Minimum sag at which gravity holds a joint at one end of its backlash, as a multiple of the servo's dead band. A
 joint with a smaller sag may oscillate. Its correction is then discarded at once."""
@@ -56,11 +60,11 @@ class _Goal:
 class OffsetsCarryTheWeight(Invariant):
     """The goal of a joint is offset from its command by the sag due to the joint's weight and a small correction.
 
-    The weight is computed with MuJoCo, from the nominal masses of the scene and the pose of the simulated world. The
-    correction may cancel the sag of a joint that is held above its command. The offset of a joint that carries weight
-    does not jump while the command is constant, for example when other joints are activated again. Each goal is the
-    count that is nearest to the command plus the offset that the stack has computed. A joint with a fault, a joint that
-    is far from its command, and an arm that is guided by hand are skipped.
+    The weight is computed with MuJoCo, from the nominal masses of the scene and the commanded pose. The correction may
+    cancel the sag of a joint that is held above its command. The offset of a joint that carries weight does not jump
+    while the command is constant, for example when other joints are activated again. Each goal is the count that is
+    nearest to the command plus the offset that the stack has computed. A joint with a fault, a joint that is far from
+    its command, and an arm that is guided by hand are skipped.
     """
 
     name = "offsets carry the weight"
@@ -84,6 +88,8 @@ class OffsetsCarryTheWeight(Invariant):
         self._goals: dict[str, _Goal] = {}
         self._jumps: dict[str, float] = {}
         """Largest change of each offset since the last cycle, in counts."""
+        self._recent_sags = deque[Mapping[str, float]](maxlen=SAG_CYCLES)
+        """Sags of the joints at their commands in the latest cycles, in rad or m, keyed by joint name."""
         self._errors: dict[str, float] = {}
         """Following error of each joint whose sag is known, in rad or m."""
         self._steady, self._free = Counter[str](), Counter[str]()
@@ -131,24 +137,35 @@ class OffsetsCarryTheWeight(Invariant):
             self._goals.clear()
             self._steady.clear()
             self._free.clear()
+            self._recent_sags.clear()
             return
         self._count(state)
         free = {name for name, cycles in self._free.items() if cycles > STEADY_CYCLES and name in self._goals}
         if not free:
+            self._recent_sags.clear()
             return
         sags = self._sags()
+        self._recent_sags.append(sags)
         for name in free & jumps.keys() & sags.keys():
-            if self._steady[name] > STEADY_CYCLES and abs(sags[name]) > CARRIED * self._compliances[name].dead_band:
-                self.examined += 1
-                if jumps[name] > JUMP_COUNTS:
-                    self.say(f"the command of {name} is constant, but its goal jumps by {jumps[name]:.1f} counts")
+            recent = [one[name] for one in self._recent_sags]
+            if min(map(abs, recent)) > CARRIED * self._compliances[name].dead_band:
+                self._examine_jump(name, jumps[name], max(recent) - min(recent))
         if all(self._free[name] > STEADY_CYCLES for name in self._sagging):
             for name in free & sags.keys():
                 self._examine_weight(name, sags[name], sum(self._errors.values()))
 
+    def _examine_jump(self, name: str, jump: float, change: float) -> None:
+        """Check that an offset changes only with the sag of its joint. ``change`` is the change of the sag, in rad or
+        m."""
+        if self._steady[name] <= STEADY_CYCLES or len(self._recent_sags) < SAG_CYCLES:
+            return
+        self.examined += 1
+        if jump > JUMP_COUNTS + AHEAD * change / abs(self._reference[name].units_per_count):
+            self.say(f"the command of {name} is constant, but its goal jumps by {jump:.1f} counts")
+
     def _sags(self) -> Mapping[str, float]:
-        """Return the distance by which each joint would sag without an offset, in rad or m."""
-        torques = self._weight.torques()
+        """Return the distance by which each joint would sag at its command without an offset, in rad or m."""
+        torques = self._weight.torques(dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True)))
         return {name: torques[name] / self._compliances[name].stiffness for name in self._sagging}
 
     def _guided(self) -> bool:
@@ -183,8 +200,7 @@ class OffsetsCarryTheWeight(Invariant):
 
 
 class _Weight:
-    """Weights of the arm, computed by MuJoCo for the nominal masses of the scene and the pose of the simulated
-    world."""
+    """Weights of the arm, computed by MuJoCo for the nominal masses of the scene."""
 
     def __init__(self, stack: FaultyStack) -> None:
         self._world = stack.world
@@ -194,9 +210,12 @@ class _Weight:
             self._model.body_mass /= [spread.factor(Quantity.MASS, body) for body in range(self._model.nbody)]
         self._data: Any = mujoco.MjData(self._model)
 
-    def torques(self) -> Mapping[str, float]:
-        """Return the torque or force that carries each joint's weight, in N m or N, keyed by joint name."""
+    def torques(self, positions: Mapping[str, float]) -> Mapping[str, float]:
+        """Return the torque or force that carries each joint's weight at these joint positions, in N m or N."""
         self._data.qpos[:] = self._world.data.qpos
+        for name, position in positions.items():
+            if name in self._world.joints and math.isfinite(position):
+                self._data.qpos[self._model.joint(name).qposadr[0]] = position
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_comVel(self._model, self._data)
