@@ -71,6 +71,8 @@ class Relief:
         """Following error (n,) when the commands started to move back."""
         self._least_error = np.full(len(joints), np.inf)
         """Smallest following error (n,) since the commands started to move back."""
+        self._limp = np.zeros(len(joints), dtype=np.bool_)
+        """Joints (n,) that have lost their torque."""
         self._begun = False
         """Whether the commands are moving back."""
         self._from_command, self._from_position = np.zeros(len(joints)), np.zeros(len(joints))
@@ -99,13 +101,13 @@ class Relief:
         """Run one cycle while relief is due."""
         faults = now.state.faults
         unknown = np.array([now.waits or name in faults for name in self._joints])
+        self._note_limp(np.array([name in faults and faults[name].kind == "no_torque" for name in self._joints]))
         creeps = CREEPS_SHARE * np.abs(now.error)
         self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s, creeps)
         if now.waits and self._begun:
             self._begun, self._relieved = False, np.zeros_like(self._relieved)  # The arm rests at the last command.
         if self._begun:
-            limp = np.array([name in faults and faults[name].kind == "no_torque" for name in self._joints])
-            self._stop_if_joints_move(now, ~unknown, limp)
+            self._stop_if_joints_move(now, ~unknown, self._limp)
         if not self._sampler.ended:
             return
         if self._begun:  # The commands have moved back. A joint that keeps sliding may press again.
@@ -122,6 +124,13 @@ class Relief:
         else:  # A joint that creeps may still reach an obstacle.
             settled = ~off | (self._relieved & ~pushed)
             self.due = not (self._rest.for_at_least(RESTS_S) & settled).all()
+
+    def _note_limp(self, limp: BoolArray) -> None:
+        """Examine the joints again when a joint has become limp. Its neighbors may have moved only for this reason."""
+        if (limp & ~self._limp).any():
+            self._relieved &= self._attempts >= ATTEMPTS
+            self._free_error[:] = np.inf
+        self._limp = limp
 
     def _relieve(self, held: BoolArray, now: Cycle) -> None:
         """Start moving the commands of the ``held`` joints (n,) back to the measured positions."""

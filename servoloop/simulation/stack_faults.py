@@ -141,6 +141,11 @@ class Upsettable:
             self.forwarded = tuple(goal)
         return answer
 
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        """Activate the controller, which discards the values that it received while it was inactive."""
+        self.forwarded = None
+        self._controller.activate(state, command)
+
     def cancel(self, handle: GoalHandle) -> None:
         """Cancel a goal and log the request."""
         self._goals.canceled(handle)
