@@ -42,13 +42,15 @@ class Settling:
         # The last known position of an unmeasured joint does not indicate an arrival or a stall.
         if not self.settled and not any(joint in state.faults for joint in self._joints):
             # A state measured before the command does not indicate a stall.
-            self.settled = self._arrived(goal, state) or (
+            self.settled = self._arrived(goal, command, state) or (
                 not self._fresh and self._stalled(goal, command, state, period_s)
             )
             self._fresh = False
 
-    def _arrived(self, goal: FloatArray, state: JointState) -> bool:
-        return bool((np.abs(state.position[self._index] - goal) <= self._near).all())
+    def _arrived(self, goal: FloatArray, command: FloatArray, state: JointState) -> bool:
+        # A joint that reverses may pass its new goal before its command has turned around.
+        off = np.maximum(np.abs(state.position[self._index] - goal), np.abs(command - goal))
+        return bool((off <= self._near).all())
 
     def _stalled(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> bool:
         position = state.position[self._index]

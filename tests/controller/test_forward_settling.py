@@ -59,6 +59,16 @@ def test_an_unmeasured_joint_has_neither_stalled_nor_arrived() -> None:
     assert looked(0.5, elsewhere) == [True]
 
 
+def test_a_joint_that_passes_its_new_goal_before_it_reverses_has_not_arrived() -> None:
+    settling = Settling(["finger"], [LIMITS], [1])
+    settling.command_changed()
+    seen = []
+    for command, position in ((0.9, 0.3), (0.7, 0.5), (0.3, 0.6), (0.3, 0.4), (0.3, 0.31)):
+        settling.update(np.array([0.3]), np.array([command]), state(position, 0.5), PERIOD_S)
+        seen.append(settling.settled)
+    assert seen == [False] * 4 + [True]
+
+
 def test_a_joint_without_a_command_is_settled() -> None:
     settling = Settling(["finger"], [LIMITS], [1])
     settling.update(np.array([0.5]), np.array([0.5]), state(0.0, 0.5), PERIOD_S)
