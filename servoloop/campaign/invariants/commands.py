@@ -17,6 +17,8 @@ from servoloop.simulation.faulty_stack import FaultyStack
 ROUNDING: Final = 1e-9
 RETURN_SHARE: Final = 0.1
 """Speed at which a joint outside its limits returns, as a fraction of its velocity limit."""
+THROWN_S: Final = 0.2
+"""Time after an overload during which a joint may have moved since it was measured, in seconds."""
 TAKEN_OVER_S: Final = 0.02
 """Maximum age, in seconds, of the measured position that a controller uses to take over a moving joint."""
 OFF_CYCLES: Final = 6
@@ -195,7 +197,7 @@ class SafeCommands(Invariant):
                 continue
             if self.deceived(name) and not self.never_confirmed(name, LEAP_COUNTS):
                 continue
-            if self.stack.touches.kinds(name) & SHARED_ID:
+            if self.stack.touches.kinds(name) & SHARED_ID or self.stack.touches.since_s(name, {"overload"}) < THROWN_S:
                 continue
             endless = math.isinf(self._upper[place])
             readings = [true[name]] if endless else self.readings(name, true[name])
