@@ -64,7 +64,7 @@ class OffsetsCarryTheWeight(Invariant):
     cancel the sag of a joint that is held above its command. The offset of a joint that carries weight does not jump
     while the command is constant, for example when other joints are activated again. Each goal is the count that is
     nearest to the command plus the offset that the stack has computed. A joint with a fault, a joint that is far from
-    its command, and an arm that is guided by hand are skipped.
+    its command, a joint whose servo may report a wrong position, and an arm that is guided by hand are skipped.
     """
 
     name = "offsets carry the weight"
@@ -182,9 +182,9 @@ class OffsetsCarryTheWeight(Invariant):
             now, before = float(loop.command[place]), float(loop.previous_command[place])
             self._steady[name] = self._steady[name] + 1 if abs(now - before) <= SAME else 0
             health, apart = state.health.get(name), abs(true[name] - now)
-            stalled = health is None or health.stall is not None
+            unknown = health is None or health.stall is not None or self.deceived(name)
             near = apart <= NEAR_COUNTS * abs(joint.units_per_count)
-            self._free[name] = self._free[name] + 1 if near and not stalled and name not in state.faults else 0
+            self._free[name] = self._free[name] + 1 if near and not unknown and name not in state.faults else 0
             if name in self._sagging:
                 self._errors[name] = apart
 
