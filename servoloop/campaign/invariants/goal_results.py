@@ -280,8 +280,8 @@ class SuccessIsTrue(Invariant):
         self._stalled, self._last_s = now_s - self._last_s > STALLED_CYCLES * self.stack.loop.period_s, now_s
         for logged in self.stack.ended_goals:
             if logged.handle.status is GoalStatus.SUCCEEDED:
-                self._examine_measured(logged, state)
                 self._arrived(logged, state)
+                self._examine_measured(logged, state)
                 for arm in self.stack.arms:
                     if arm.name == logged.controller and not _oscillates(arm.tracking):
                         self._examine_rest(arm.joints, state)

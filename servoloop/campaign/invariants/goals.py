@@ -237,7 +237,7 @@ class GoalsAreJudged(Invariant):
         if self.stack.clients is not None and self.stack.clients.half_switched:
             self.say("a strict switch with an unknown controller was carried out in part")
         for logged in sent:
-            if self._incomplete(logged.goal):
+            if self._incomplete(logged.goal, logged.controller):
                 self.say("a goal was accepted that does not contain all joints of its controller")
             if beyond := self._beyond(logged.goal, BEYOND):
                 self.say(f"a goal beyond the limits was accepted: {beyond}")
@@ -265,11 +265,15 @@ class GoalsAreJudged(Invariant):
                     return f"{joint} to {position:.4f}, but its limits are {known.lower:g} and {known.upper:g}"
         return ""
 
-    def _incomplete(self, goal: TrajectoryGoal) -> bool:
-        """Return whether a goal omits joints of a controller that does not allow this."""
+    def _incomplete(self, goal: TrajectoryGoal, controller: str = "") -> bool:
+        """Return whether a goal omits joints of an arm's controller that does not allow this.
+
+        ``controller`` is the name of the controller that received the goal, or empty if it is unknown.
+        """
         return any(
             set(goal.joints) < set(arm.joints) and not arm.parameters.allow_partial_joints_goal
             for arm in self.stack.arms
+            if controller in ("", arm.name)
         )
 
     def _valid(self, goal: TrajectoryGoal) -> bool:
