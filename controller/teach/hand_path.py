@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -98,20 +98,24 @@ def _cubic(path: HandPath, first: np.ndarray, last: np.ndarray, times_s: FloatAr
     """Return positions and velocities (k, n) at times (k,) on the cubics from knots ``first`` to ``last`` (k,)."""
     span_s = (path.times_s[last] - path.times_s[first])[:, None]
     u = (times_s - path.times_s[first])[:, None] / span_s
-    start, way = path.position[first], path.position[last] - path.position[first]
-    out, back = path.velocity[first] * span_s, path.velocity[last] * span_s
-    a, b = 3.0 * way - 2.0 * out - back, out + back - 2.0 * way
+    start = path.position[first]
+    out, a, b = _coefficients(path, first, last, span_s)
     position: FloatArray = start + u * (out + u * (a + u * b))
     velocity: FloatArray = (out + u * (2.0 * a + 3.0 * u * b)) / span_s
     return position, velocity
 
 
+def _coefficients(path: HandPath, first: Any, last: Any, span_s: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the coefficients of u, u^2 and u^3 in the cubics from knots ``first`` to ``last``, for u from 0 to 1."""
+    way = path.position[last] - path.position[first]
+    out, back = path.velocity[first] * span_s, path.velocity[last] * span_s
+    return out, 3.0 * way - 2.0 * out - back, out + back - 2.0 * way
+
+
 def _excursion(path: HandPath, first: int, last: int) -> FloatArray:
     """Return the distance (n,) by which the cubic from knot ``first`` to knot ``last`` leaves the range of the knots
     from ``first`` to ``last``. The distance is negative if the cubic stays within the range."""
-    span_s, way = path.times_s[last] - path.times_s[first], path.position[last] - path.position[first]
-    out, back = path.velocity[first] * span_s, path.velocity[last] * span_s
-    a, b = 3.0 * way - 2.0 * out - back, out + back - 2.0 * way
+    out, a, b = _coefficients(path, first, last, path.times_s[last] - path.times_s[first])
     # The speed out + 2 a u + 3 b u^2 is zero at the extremes of the cubic.
     with np.errstate(divide="ignore", invalid="ignore"):
         q = -a - np.copysign(np.sqrt(a * a - 3.0 * b * out), a)
