@@ -37,6 +37,13 @@ GROWS_AGAIN: Final = 1.4
 """The same factor, but relative to the smallest distance while the command moved back. A free joint lags behind its
 command at this time, so the distance also grows slightly if no neighbor pushes the joint.
 """
+SHRINKS: Final = 0.8
+"""Factor by which the distance between a seemingly free joint and its command must shrink to indicate that the joint is
+blocked after all. A free joint moves as far as its command, but a blocked joint that a neighbor moved for a moment stays
+where it is. The factor is relative to the distance before the command moved back.
+"""
+ANY_ERROR: Final = np.array([[0.0], [np.inf]])
+"""Range of following errors (2, 1) of joints that have not been found to be free."""
 ATTEMPTS: Final = 5
 """Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
 blocked afterward, so one attempt is not enough.
@@ -64,9 +71,9 @@ class Relief:
         """Whether a measured joint is away from its command and still moves."""
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._attempts = np.zeros(len(joints), dtype=np.int64)
-        self._free_error = np.full(len(joints), np.inf)
-        """Maximum following error (n,) at which each joint counts as free; infinite for joints that have not been found
-        to be free."""
+        self._free_error = np.repeat(ANY_ERROR, len(joints), axis=1)
+        """Minimum and maximum following error (2, n) at which each joint that was found to be free still counts as
+        free."""
         self._first_error = np.full(len(joints), np.inf)
         """Following error (n,) when the commands started to move back."""
         self._least_error = np.full(len(joints), np.inf)
@@ -83,7 +90,7 @@ class Relief:
         self.due, self._begun = True, False
         self._relieved[:] = False
         self._attempts[:] = 0
-        self._free_error[:] = np.inf
+        self._free_error[:] = ANY_ERROR
         self._rest, self._stood_s = Rest(self._sampler.still), 0.0
 
     @property
@@ -116,20 +123,21 @@ class Relief:
         self._stood_s += now.step_s
         # A joint that is blocked outside its limits cannot be relieved further than to the limit.
         off = np.abs(now.reference.position - self._sampler.inside(measured(now))) > PRESSES * self._sampler.still
-        pushed = (np.abs(now.error) > self._free_error) & (self._attempts < ATTEMPTS)
+        least, most = self._free_error
+        held_again = ((np.abs(now.error) < least) | (np.abs(now.error) > most)) & (self._attempts < ATTEMPTS)
         self._slides = bool((off & ~unknown & ~self._rest.for_at_least(HELD_S)).any())
-        held = off & self._rest.for_at_least(HELD_S) & (~self._relieved | pushed)
+        held = off & self._rest.for_at_least(HELD_S) & (~self._relieved | held_again)
         if held.any():
             self._relieve(held, now)
         else:  # A joint that creeps may still reach an obstacle.
-            settled = ~off | (self._relieved & ~pushed)
+            settled = ~off | (self._relieved & ~held_again)
             self.due = not (self._rest.for_at_least(RESTS_S) & settled).all()
 
     def _note_limp(self, limp: BoolArray) -> None:
         """Examine the joints again when a joint has become limp. Its neighbors may have moved only for this reason."""
         if (limp & ~self._limp).any():
             self._relieved &= self._attempts >= ATTEMPTS
-            self._free_error[:] = np.inf
+            self._free_error[:] = ANY_ERROR
         self._limp = limp
 
     def _relieve(self, held: BoolArray, now: Cycle) -> None:
@@ -138,7 +146,7 @@ class Relief:
             text = "%s: %s is blocked %.4f short of its command: the command moves back to relieve the joint"
             LOG.warning(text, self._name, self._joints[index], abs(now.error[index]))
         self._relieved |= held
-        self._free_error[held] = np.inf
+        self._free_error[:, held] = ANY_ERROR
         self._attempts += held
         target = self._sampler.inside(np.where(held, measured(now), now.reference.position))
         try:
@@ -154,8 +162,8 @@ class Relief:
     def _stop_if_joints_move(self, now: Cycle, known: BoolArray, limp: BoolArray) -> None:
         """Stop all commands if a joint, limp or not, moves further than a blocked joint can.
 
-        A joint that follows its command is free and is not relieved again, unless a neighbor pushes it further. All
-        other joints that still rest before reaching their commands are relieved again, because a joint that advances
+        A joint that follows its command is free and is not relieved again, unless it then rests closer to its
+        command or a neighbor pushes it further. All other joints that still rest before reaching their commands are relieved again, because a joint that advances
         toward its old command may touch the obstacle again. A joint that moves further than its command is pushed by a
         neighbor, so it is still blocked and its motion is measured from its new position.
         """
@@ -172,8 +180,8 @@ class Relief:
         follows &= ~pushed
         if (advances | follows).any():
             self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
-            free_error = np.minimum(GROWS * self._first_error, GROWS_AGAIN * self._least_error)
-            self._free_error[follows] = free_error[follows]
+            most = np.minimum(GROWS * self._first_error, GROWS_AGAIN * self._least_error)
+            self._free_error[:, follows] = np.array([SHRINKS * self._first_error, most])[:, follows]
             self._sampler.stop(now.reference, now.parameters)
             self._begun = False
 

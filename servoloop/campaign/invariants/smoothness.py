@@ -128,15 +128,15 @@ class SmoothEnd(Invariant):
         super().__init__(stack, say, arm)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
         self._ends = np.array([(limit.lower, limit.upper) for limit in stack.loop.limits]).T
-        self._commands = deque[FloatArray](maxlen=3)
+        self._commands, self._times = deque[FloatArray](maxlen=3), deque[float](maxlen=3)
         self._upset_s = -math.inf
         """Time of the latest cycle in which a controller had a fault."""
         self._relieved_s = -math.inf
         """Time of the latest cycle in which a deactivated controller relieved its joints."""
         park = stack.files.robot.file.park
         scale = park.velocity_scale if park is not None else 1.0
-        self._park_step = scale * np.array([limit.velocity for limit in stack.loop.limits]) * stack.loop.period_s
-        """Largest change of each command in a cycle while the arm parks, in rad or m."""
+        self._park_speed = scale * np.array([limit.velocity for limit in stack.loop.limits])
+        """Largest speed of each command while the arm parks, in rad/s or m/s."""
 
     def on_command(self, values: FloatArray) -> None:
         now_s = self.stack.clock.now()
@@ -144,17 +144,19 @@ class SmoothEnd(Invariant):
             self._upset_s = now_s
         if any(entry.begun for entry in self.stack.manager.cycle.leaving.entries):
             self._relieved_s = now_s
-        if not self.active or now_s - self._upset_s < UPSET_S or self._waits():
+        seen = self.stack.manager.cycle.seen
+        if seen is None or not self.active or now_s - self._upset_s < UPSET_S or self._waits(seen):
             self._commands.clear()
             return
         if self._commands and not np.array_equal(self._commands[-1], self.stack.loop.previous_command):
             self._commands.clear()  # Joints were taken over.
         self._commands.append(values.copy())  # The last commands before the end show how fast each joint was moving.
+        self._times.append(seen.stamp_s)
         claimed = self.stack.manager.registry.claimed
         examined = [self.stack.ending or one not in claimed for one in self.stack.loop.hardware.command_interfaces]
         if any(examined) and len(self._commands) == 3:
             self.examined += 1
-            change = np.abs(np.diff(np.array(self._commands), 2, axis=0)[0]) / self.stack.loop.period_s**2
+            change = np.abs(divided(np.array(self._commands), list(self._times)))
             limp = {joint.name for joint in self.joints if not self.torque(joint)}
             change[[name in limp for name in self.commanded]] = 0.0
             change[(np.abs(values - self._ends) < AT_END).any(axis=0)] = 0.0
@@ -168,20 +170,18 @@ class SmoothEnd(Invariant):
             if parks:
                 self._examine_speed()
 
-    def _waits(self) -> bool:
+    def _waits(self, seen: JointState) -> bool:
         """Return whether no joint of an arm is measured."""
-        seen = self.stack.manager.cycle.seen
-        return seen is not None and any(seen.faults.keys() >= set(arm.joints) for arm in self.stack.arms)
+        return any(seen.faults.keys() >= set(arm.joints) for arm in self.stack.arms)
 
     def _examine_speed(self) -> None:
         """Check that no command changes faster than in a parking motion, unless it slows down."""
-        before, now = np.abs(np.diff(np.array(self._commands), axis=0))
-        fast = (now > FASTEST_PARKING * self._park_step) & (now > before + ROUNDING)
+        before, now = np.abs(np.diff(np.array(self._commands), axis=0)) / np.diff(self._times)[:, None]
+        fast = (now > FASTEST_PARKING * self._park_speed) & (now > before + ROUNDING / self.stack.loop.period_s)
         if fast.any():
             place = int(np.flatnonzero(fast)[0])
-            speeds = f"{now[place] / self.stack.loop.period_s:.2f}, but at most"
-            most = self._park_step[place] / self.stack.loop.period_s
-            self.say(f"{self.commanded[place]} parks at a speed of {speeds} {most:.2f} is allowed")
+            speeds = f"{now[place]:.2f}, but at most {self._park_speed[place]:.2f}"
+            self.say(f"{self.commanded[place]} parks at a speed of {speeds} is allowed")
 
 
 class NanHolds(Invariant):
