@@ -121,9 +121,13 @@ class EndsAsChosen(Invariant):
         return reported
 
     def _has_failed(self, controller: str) -> bool:
-        """Return whether a fault has made a trajectory controller fail, so that it can no longer relieve its joints."""
-        faults = (one for one in self.stack.player.happened if one.kind == "controller_raises")
-        return any(getattr(one, "controller", None) in (None, controller) for one in faults)
+        """Return whether a fault prevents a trajectory controller from relieving its joints.
+
+        The controller has failed, or its commands are not finite at the end.
+        """
+        failed = [one for one in self.stack.player.happened if one.kind == "controller_raises"]
+        failed += [one for one in self.stack.player.active.values() if one.kind == "controller_nan"]
+        return any(getattr(one, "controller", None) in (None, controller) for one in failed)
 
     def _settings_changed(self, joint: str) -> bool:
         """Return whether a fault may have changed the registers of a joint's servo, or prevented writes to them."""

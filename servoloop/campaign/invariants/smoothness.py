@@ -128,7 +128,9 @@ class SmoothEnd(Invariant):
         super().__init__(stack, say, arm)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
         self._ends = np.array([(limit.lower, limit.upper) for limit in stack.loop.limits]).T
-        self._commands, self._times = deque[FloatArray](maxlen=3), deque[float](maxlen=3)
+        self._commands, self._times = deque[FloatArray](maxlen=3), deque([0.0], maxlen=3)
+        self._seen_s = 0.0
+        """Time of the latest state that a controller has used. A parking motion advances by one period per command."""
         self._upset_s = -math.inf
         """Time of the latest cycle in which a controller had a fault."""
         self._relieved_s = -math.inf
@@ -151,7 +153,9 @@ class SmoothEnd(Invariant):
         if self._commands and not np.array_equal(self._commands[-1], self.stack.loop.previous_command):
             self._commands.clear()  # Joints were taken over.
         self._commands.append(values.copy())  # The last commands before the end show how fast each joint was moving.
-        self._times.append(seen.stamp_s)
+        passed_s = seen.stamp_s - self._seen_s
+        self._times.append(self._times[-1] + (passed_s if passed_s > 0.0 else self.stack.loop.period_s))
+        self._seen_s = seen.stamp_s
         claimed = self.stack.manager.registry.claimed
         examined = [self.stack.ending or one not in claimed for one in self.stack.loop.hardware.command_interfaces]
         if any(examined) and len(self._commands) == 3:
