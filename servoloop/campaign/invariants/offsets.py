@@ -3,7 +3,7 @@
 import copy
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -44,6 +44,12 @@ WEIGHT_SHARE: Final = 0.1
 """Largest difference between an offset and the sag due to the joint's weight, as a fraction of the sag."""
 LEVER: Final = 0.1
 """Largest change of a joint's sag, in rad or m, per rad or m of the arm's joints."""
+FADES_IN_S: Final = 1.0
+"""Minimum time after its activation until the offset of a joint reaches its full size, in seconds."""
+GUIDED_SHARE: Final = 0.8
+"""Largest offset of a joint that is guided by hand, as a fraction of its sag."""
+FORGETS_S: Final = 0.5
+"""Time constant with which the correction of a joint decays while the arm is guided by hand, in seconds."""
 NEAR_COUNTS: Final = 20.0
 """Largest distance of a joint from its command at which the joint counts as free, in counts."""
 
@@ -63,8 +69,10 @@ class OffsetsCarryTheWeight(Invariant):
     The weight is computed with MuJoCo, from the nominal masses of the scene and the commanded pose. The correction may
     cancel the sag of a joint that is held above its command. The offset of a joint that carries weight does not jump
     while the command is constant, for example when other joints are activated again. Each goal is the count that is
-    nearest to the command plus the offset that the stack has computed. A joint with a fault, a joint that is far from
-    its command, a joint whose servo may report a wrong position, and an arm that is guided by hand are skipped.
+    nearest to the command plus the offset that the stack has computed. After an activation, the offset grows slowly
+    from zero, so that the arm does not jump. While the arm is guided by hand, the offset carries only a part of the
+    weight, so that the arm does not rise by itself. A joint with a fault, a joint that is far from its command and a
+    joint whose servo may report a wrong position are skipped.
     """
 
     name = "offsets carry the weight"
@@ -92,6 +100,10 @@ class OffsetsCarryTheWeight(Invariant):
         """Sags of the joints at their commands in the latest cycles, in rad or m, keyed by joint name."""
         self._errors: dict[str, float] = {}
         """Following error of each joint whose sag is known, in rad or m."""
+        self._driven_cycles = Counter[str]()
+        """Number of cycles since each joint was activated."""
+        self._guided_cycles = 0
+        """Number of cycles for which the arm has been guided by hand."""
         self._steady, self._free = Counter[str](), Counter[str]()
         """Number of cycles for which each command was constant, and number of cycles for which each joint was near its
         command, had no fault and was not stalled."""
@@ -133,26 +145,65 @@ class OffsetsCarryTheWeight(Invariant):
 
     def on_state(self, state: JointState) -> None:
         jumps, self._jumps = self._jumps, {}
-        if self.stack.loop.hardware.state is not LifecycleState.ACTIVE or self._guided():
+        active = self.stack.loop.hardware.state is LifecycleState.ACTIVE
+        guided = active and self._guided()
+        if self._guided_cycles and not guided:
+            self._forget()
+        self._guided_cycles = self._guided_cycles + 1 if guided else 0
+        released = self.released(state)
+        for name in self._sagging:
+            self._driven_cycles[name] = self._driven_cycles[name] + 1 if active and name not in released else 0
+        if not active:
             self._goals.clear()
-            self._steady.clear()
-            self._free.clear()
-            self._recent_sags.clear()
+            self._forget()
             return
         self._count(state)
-        free = {name for name, cycles in self._free.items() if cycles > STEADY_CYCLES and name in self._goals}
-        if not free:
+        near = {name for name in self._goals.keys() & self._sagging if self._free[name]}
+        free = {name for name in near if self._free[name] > STEADY_CYCLES}
+        small = {name for name in near if self._guided_cycles or self._fades_in(name)}
+        if not free and not small:
             self._recent_sags.clear()
             return
         sags = self._sags()
         self._recent_sags.append(sags)
-        for name in free & jumps.keys() & sags.keys():
+        for name in small:
+            self._examine_size(name, [one[name] for one in self._recent_sags])
+        if guided:
+            return
+        for name in free & jumps.keys():
             recent = [one[name] for one in self._recent_sags]
             if min(map(abs, recent)) > CARRIED * self._compliances[name].dead_band:
                 self._examine_jump(name, jumps[name], max(recent) - min(recent))
         if all(self._free[name] > STEADY_CYCLES for name in self._sagging):
-            for name in free & sags.keys():
+            for name in free:
                 self._examine_weight(name, sags[name], sum(self._errors.values()))
+
+    def _forget(self) -> None:
+        self._steady.clear()
+        self._free.clear()
+        self._recent_sags.clear()
+
+    def _fades_in(self, name: str) -> bool:
+        """Return whether a joint was activated so recently that its offset is still growing."""
+        return self._driven_cycles[name] * self.stack.loop.period_s < FADES_IN_S
+
+    def _examine_size(self, name: str, recent: Sequence[float]) -> None:
+        """Check that the offset of a joint is small after its activation and while the arm is guided by hand.
+
+        ``recent`` contains the latest sags of the joint, in rad or m.
+        """
+        period_s, unit = self.stack.loop.period_s, abs(self._reference[name].units_per_count)
+        most, spare = max(map(abs, recent)), self._compliances[name].uncorrected
+        allowed = min((self._driven_cycles[name] + 2) * period_s / FADES_IN_S, 1.0) * (most + spare)
+        guided_s = self._guided_cycles * period_s
+        if guided_s > FADES_IN_S * (1.0 - GUIDED_SHARE):
+            allowed = min(allowed, GUIDED_SHARE * most + spare * math.exp(-guided_s / FORGETS_S))
+        allowed += SLACK_COUNTS * unit + AHEAD * (max(recent) - min(recent))
+        offset = abs(self._goals[name].offset) * unit
+        self.examined += 1
+        if offset > allowed:
+            when = "while it is guided by hand" if self._guided_cycles else "soon after its activation"
+            self.say(f"the goal of {name} is offset by {offset:.4f}, but at most {allowed:.4f} is allowed {when}")
 
     def _examine_jump(self, name: str, jump: float, change: float) -> None:
         """Check that an offset changes only with the sag of its joint. ``change`` is the change of the sag, in rad or

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.printable import counted
 from drivers.servos import sts
+from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.types import FloatArray, JointFault, JointState
 from servoloop.campaign.invariants.invariant import Invariant, reports_error
@@ -193,23 +194,37 @@ def _own_count(servo: Any) -> float:
 
 
 class LimpIsFound(Invariant):
-    """A servo whose torque is off is detected within half a second, because the next goal would enable its torque."""
+    """A servo that is limp or has been reset is detected within half a second.
+
+    The next goal would enable the torque of a limp servo. If a goal has already enabled the torque of a reset servo,
+    the servo drives with its own maximum torque instead of the limit from the robot file.
+    """
 
     name = "limp joints are found"
     promised = False
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._limp_since_s: dict[str, float] = {}
+        self._since_s: dict[tuple[str, str], float] = {}
 
     def on_state(self, state: JointState) -> None:
-        active = self.active
+        since_s, self._since_s = self._since_s, {}
         for joint in self.joints:
-            known = not active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
-            self.examined += not known and not self.torque(joint)
-            if known or self.torque(joint):
-                self._limp_since_s.pop(joint.name, None)
+            known = not self.active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
+            how = "" if known else self._unfit(joint)
+            if not how:
                 continue
-            limp_s = state.stamp_s - self._limp_since_s.setdefault(joint.name, state.stamp_s)
-            if limp_s > FOUND_S + 2.0 * self.stack.loop.period_s:
-                self.say(f"{joint.name} has been limp for {limp_s:.2f} s but is not reported")
+            self.examined += 1
+            key = joint.name, how
+            self._since_s[key] = since_s.get(key, state.stamp_s)
+            unfit_s = state.stamp_s - self._since_s[key]
+            if unfit_s > FOUND_S + 2.0 * self.stack.loop.period_s:
+                self.say(f"{joint.name} has been {how} for {unfit_s:.2f} s but is not reported")
+
+    def _unfit(self, joint: Joint) -> str:
+        """Return "limp" or "reset", or an empty string if the servo drives its motor with a limit of the stack."""
+        if not self.torque(joint):
+            return "limp"
+        series, memory = series_of(joint.model), self.servos[joint.name].memory
+        own = series.torque_by_goal and series.torque_limit is not None
+        return "reset" if own and memory.get(series.torque_limit) == memory.get(series.max_torque) else ""
