@@ -43,6 +43,8 @@ UNCHANGING: Final = PASSING | {"jammed", "missed_instructions"}
 TAKEN_BACK_S: Final = 2.5
 """Maximum time, in seconds, until a servo that responds again is included in the cycle. Late replies to lost requests
 may arrive for two seconds, and the servo's torque is checked after that."""
+REMAINS_S: Final = 0.5
+"""Time after which a joint that is not reported has returned to the control cycle, in seconds."""
 SAMPLED_COUNTS: Final = 3.0
 """Tolerance for a moving servo between two samples of its position, in counts."""
 LOSING: Final = "adapter_unplugged"
@@ -106,27 +108,36 @@ class NamedAlone(Invariant):
 
 
 class TakenBack(Invariant):
-    """A joint whose servo responds again with its torque enabled returns to the control cycle."""
+    """A joint whose servo responds again with its torque enabled returns to the control cycle, and remains there."""
 
     name = "taken back"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._reported_s = defaultdict[str, float](float)
+        self._reported_s: dict[str, float] = {}
+        """Time since each joint was reported first, in seconds. A joint that stays healthy is removed."""
+        self._healthy_s = defaultdict[str, float](float)
+        """Time for which each joint has not been reported, in seconds."""
 
     def on_state(self, state: JointState) -> None:
-        touches, active, shared = self.stack.touches, self.active, self.sharing_id
+        period_s, active, shared = self.stack.loop.period_s, self.active, self.sharing_id
         for joint in self.joints:
-            passing = touches.kinds(joint.name) <= PASSING and touches.since_s(joint.name) > 0.0
-            if not active or joint.name in shared or not passing or not self.torque(joint):
-                self._reported_s[joint.name] = 0.0
-                continue
-            reported = joint.name in state.faults
-            self.examined += reported
-            self._reported_s[joint.name] = self._reported_s[joint.name] + self.stack.loop.period_s if reported else 0.0
-            if self._reported_s[joint.name] > TAKEN_BACK_S:
-                text = state.faults[joint.name].text
-                self.say(f"{joint.name} responds again but is still reported after {TAKEN_BACK_S:g} s: {text}")
+            name, reported = joint.name, joint.name in state.faults
+            self._healthy_s[name] = 0.0 if reported else self._healthy_s[name] + period_s
+            if not active or name in shared or self._healthy_s[name] > REMAINS_S or not self._works(joint):
+                self._reported_s.pop(name, None)
+            elif reported or name in self._reported_s:
+                self._reported_s[name] = self._reported_s.get(name, 0.0) + period_s
+            self.examined += reported and name in self._reported_s
+            if reported and self._reported_s.get(name, 0.0) > TAKEN_BACK_S:
+                text = state.faults[name].text
+                self.say(f"{name} responds again but is still reported after {TAKEN_BACK_S:g} s: {text}")
+
+    def _works(self, joint: Joint) -> bool:
+        """Return whether past faults have left the joint's servo unchanged, with its torque enabled and no alarm."""
+        touches = self.stack.touches
+        passing = touches.kinds(joint.name) <= PASSING | {"overload"} and touches.since_s(joint.name) > 0.0
+        return passing and self.torque(joint) and not reports_error(joint, self.servos[joint.name])
 
 
 class MeasuredNow(Invariant):
