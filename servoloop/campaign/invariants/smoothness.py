@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.waypoints import BoolArray
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -113,7 +114,8 @@ class SmoothEnd(Invariant):
 
     After the stop, no joint moves faster than the velocity scale for parking allows.
 
-    A joint that has lost its controller also stops within its acceleration limit.
+    A joint that has lost its controller also stops within its acceleration limit, even if another controller claims it
+    before it is at rest.
 
     Commands are not checked after a faulty controller has made them jump, because only their speed is limited. Commands
     of limp joints are not checked either, because they follow the falling joints. Commands are also not checked while
@@ -128,15 +130,15 @@ class SmoothEnd(Invariant):
         super().__init__(stack, say, arm)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
         self._ends = np.array([(limit.lower, limit.upper) for limit in stack.loop.limits]).T
-        self._commands, self._times = deque[FloatArray](maxlen=3), deque([0.0], maxlen=3)
-        self._seen_s = 0.0
-        """Time of the latest state that a controller has used. A parking motion advances by one period per command."""
+        self._commands, self._times = deque[FloatArray](maxlen=3), deque[float](maxlen=3)
         self._upset_s = -math.inf
         """Time of the latest cycle in which a controller had a fault."""
         self._relieved_s = -math.inf
         """Time of the latest cycle in which a deactivated controller relieved its joints."""
         park = stack.files.robot.file.park
         scale = park.velocity_scale if park is not None else 1.0
+        self._stopping = np.zeros(len(self.commanded), dtype=np.bool_)
+        """Joints (n,) that had no controller in the previous cycle, or were not at rest."""
         self._park_speed = scale * np.array([limit.velocity for limit in stack.loop.limits])
         """Largest speed of each command while the arm parks, in rad/s or m/s."""
 
@@ -153,18 +155,16 @@ class SmoothEnd(Invariant):
         if self._commands and not np.array_equal(self._commands[-1], self.stack.loop.previous_command):
             self._commands.clear()  # Joints were taken over.
         self._commands.append(values.copy())  # The last commands before the end show how fast each joint was moving.
-        passed_s = seen.stamp_s - self._seen_s
-        self._times.append(self._times[-1] + (passed_s if passed_s > 0.0 else self.stack.loop.period_s))
-        self._seen_s = seen.stamp_s
-        claimed = self.stack.manager.registry.claimed
-        examined = [self.stack.ending or one not in claimed for one in self.stack.loop.hardware.command_interfaces]
+        self._times.append(seen.stamp_s)
+        before, self._stopping = self._stopping, self._stopping_now()
+        examined = self._stopping | before
         if any(examined) and len(self._commands) == 3:
             self.examined += 1
-            change = np.abs(divided(np.array(self._commands), list(self._times)))
+            change = self._acceleration_now()
             limp = {joint.name for joint in self.joints if not self.torque(joint)}
             change[[name in limp for name in self.commanded]] = 0.0
             change[(np.abs(values - self._ends) < AT_END).any(axis=0)] = 0.0
-            change[np.logical_not(examined)] = 0.0
+            change[~examined] = 0.0
             worst = int((change / self._acceleration).argmax())
             parks = self.stack.ending and self.stack.control_stack.releases
             relieved = now_s - self._relieved_s <= RELIEVED_S
@@ -174,13 +174,34 @@ class SmoothEnd(Invariant):
             if parks:
                 self._examine_speed()
 
+    def _acceleration_now(self) -> FloatArray:
+        """Return the magnitudes of the accelerations (n,) of the last commands.
+
+        Stops and parking motions advance by one period per cycle, but relieved joints advance by the time between
+        states.
+        """
+        period_s, commands = self.stack.loop.period_s, np.array(self._commands)
+        change: FloatArray = np.abs(divided(commands, (0.0, period_s, 2.0 * period_s)))
+        if np.diff(self._times).min() > 0.0:
+            change = np.minimum(change, np.abs(divided(commands, list(self._times))))
+        return change
+
+    def _stopping_now(self) -> BoolArray:
+        """Return which joints (n,) have no controller, or are not at rest from the motion of another controller."""
+        manager, interfaces = self.stack.manager, self.stack.loop.hardware.command_interfaces
+        claimed = manager.registry.claimed
+        free = [self.stack.ending or one not in claimed for one in interfaces]
+        if manager.stops.moving or manager.cycle.leaving.entries:
+            free = [one or not manager.cycle.at_rest([place]) for place, one in enumerate(free)]
+        return np.array(free)
+
     def _waits(self, seen: JointState) -> bool:
         """Return whether no joint of an arm is measured."""
         return any(seen.faults.keys() >= set(arm.joints) for arm in self.stack.arms)
 
     def _examine_speed(self) -> None:
         """Check that no command changes faster than in a parking motion, unless it slows down."""
-        before, now = np.abs(np.diff(np.array(self._commands), axis=0)) / np.diff(self._times)[:, None]
+        before, now = np.abs(np.diff(np.array(self._commands), axis=0)) / self.stack.loop.period_s
         fast = (now > FASTEST_PARKING * self._park_speed) & (now > before + ROUNDING / self.stack.loop.period_s)
         if fast.any():
             place = int(np.flatnonzero(fast)[0])

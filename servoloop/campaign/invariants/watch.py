@@ -26,6 +26,7 @@ from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.offsets import OffsetsCarryTheWeight
 from servoloop.campaign.invariants.presses import LongPressesAreReduced
 from servoloop.campaign.invariants.programs import ProgramsAreInformed, StreamsAreFollowed
+from servoloop.campaign.invariants.published import PublishedAsMeasured
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.resumption import ControllersResume
@@ -45,6 +46,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     ReportedTruly,
     MotionIsTrue,
     HealthIsTrue,
+    PublishedAsMeasured,
     SuccessIsTrue,
     PathIsAsSent,
     ForwardedIsFollowed,
