@@ -1,12 +1,11 @@
 """Invariant on what the stack publishes: joint states and diagnostics say the same as the measurement."""
 
 import math
-from collections.abc import Callable
-from typing import Final
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster, JointStates
+from controller.broadcasters.state_values import MOVEMENT
 from controller.diagnostics import Level, Status, statuses
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import JointState
@@ -38,37 +37,37 @@ class PublishedAsMeasured(Invariant):
 
     def on_state(self, state: JointState) -> None:
         for entry in self.stack.manager.registry.loaded.values():
-            controller = entry.controller
-            if isinstance(controller, JointStateBroadcaster) and entry.active and controller.state is not None:
-                self._examine_states(controller.sample(controller.state), state)
+            broadcaster: Any = entry.controller
+            if entry.active and entry.spec.kind == JointStateBroadcaster.kind and broadcaster.state is not None:
+                self._examine_states(broadcaster.sample(broadcaster.state), state, broadcaster.state_interfaces)
         self._cycles += 1
         if self._cycles % DIAGNOSED_CYCLES == 0:
             self._examine_diagnostics(state)
 
-    def _examine_states(self, published: JointStates, state: JointState) -> None:
+    def _examine_states(self, published: JointStates, state: JointState, interfaces: Sequence[str]) -> None:
+        """Compare one message with the measurement. Only these state interfaces have values in the message."""
         self.examined += 1
         if published.stamp_s != state.stamp_s:
             self.say(f"the states published at {state.stamp_s:.3f} s were measured at {published.stamp_s:.3f} s")
-        fields = published.position.tolist(), published.velocity.tolist(), published.effort.tolist()
-        found = dict(zip(published.names, zip(*fields, strict=True), strict=True))
-        measured = state.position.tolist(), state.velocity.tolist(), state.effort.tolist()
-        for name, (position, *others) in zip(self.stack.loop.hardware.joints, zip(*measured, strict=True), strict=True):
-            if name not in found:
-                self.say(f"the state of {name} is not published")
-            elif not np.array_equal(found[name][1:], others, equal_nan=True):
-                self.say(f"{name}: velocity and effort {others} are published as {list(found[name][1:])}")
-            elif not self._is_published(name, position, found[name][0]):
-                self.say(f"{name} is measured at {position:.4f}, but published at {found[name][0]:.4f}")
+        for field in MOVEMENT:
+            found = dict(zip(published.names, getattr(published, field).tolist(), strict=True))
+            for name, value in zip(self.stack.loop.hardware.joints, getattr(state, field).tolist(), strict=True):
+                if f"{name}/{field}" not in interfaces:
+                    continue
+                if name not in found:
+                    self.say(f"the {field} of {name} is not published")
+                elif not self._agrees(name, field, value, found[name]):
+                    self.say(f"the {field} of {name} is {value:.4f}, but {found[name]:.4f} is published")
 
-    def _is_published(self, name: str, position: float, published: float) -> bool:
-        """Return whether a published position is the measured position, or a limit that is very near."""
-        if published == position or (math.isnan(position) and math.isnan(published)):
+    def _agrees(self, name: str, field: str, measured: float, published: float) -> bool:
+        """Return whether a published value is the measured value, or the limit if a position is slightly beyond it."""
+        if published == measured or (math.isnan(measured) and math.isnan(published)):
             return True
         limit = self._limits.get(name)
-        if limit is None:
+        if limit is None or field != "position":
             return False
-        near = abs(published - position) <= CLIPPED_SHARE * (limit.upper - limit.lower)
-        return near and published == min(max(position, limit.lower), limit.upper)
+        near = abs(published - measured) <= CLIPPED_SHARE * (limit.upper - limit.lower)
+        return near and published == min(max(measured, limit.lower), limit.upper)
 
     def _examine_diagnostics(self, state: JointState) -> None:
         found = {one.name: one for one in statuses(self.stack.loop, "", self._servo_ids, state)}

@@ -7,6 +7,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pytest
 
+from controller import diagnostics
+from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
 from controller.gripper.goal import GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.manager import manager
@@ -23,7 +25,7 @@ from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import Tracking
 from controller.trajectory.tolerances import Tolerances, resolve
 from controller.trajectory.waypoints import Waypoints
-from hal.types import FloatArray
+from hal.types import FloatArray, JointState
 from tests.servoloop.planted_bugs.registry import detected_by
 
 
@@ -135,3 +137,28 @@ def gripper_goals_that_replace_others_keep_their_speed(patch: pytest.MonkeyPatch
 @detected_by("nothing presses after the end")
 def controllers_do_not_relieve_joints_that_they_take_over(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(GoalExecution, "begin_relief", lambda execution: None)
+
+
+@detected_by("published as measured")
+def faults_are_missing_in_diagnostics(patch: pytest.MonkeyPatch) -> None:
+    servo_status = diagnostics._servo_status
+    patch.setattr(diagnostics, "_servo_status", lambda state, *more: servo_status(replace(state, faults={}), *more))
+
+
+@detected_by("published as measured")
+def published_states_are_one_cycle_old(patch: pytest.MonkeyPatch) -> None:
+    update, latest = JointStateBroadcaster.update, WeakKeyDictionary[JointStateBroadcaster, JointState]()
+
+    def wrong(broadcaster: JointStateBroadcaster, state: JointState, now_s: float, period_s: float) -> None:
+        update(broadcaster, latest.get(broadcaster, state), now_s, period_s)
+        latest[broadcaster] = state
+
+    patch.setattr(JointStateBroadcaster, "update", wrong)
+
+
+@detected_by("published as measured")
+def published_positions_are_always_within_the_limits(patch: pytest.MonkeyPatch) -> None:
+    def wrong(broadcaster: JointStateBroadcaster, position: FloatArray) -> FloatArray:
+        return np.clip(position, broadcaster._lower, broadcaster._upper)
+
+    patch.setattr(JointStateBroadcaster, "_at_limits", wrong)

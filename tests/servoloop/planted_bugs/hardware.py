@@ -11,8 +11,11 @@ from controller.loop import ControlLoop
 from drivers.bus.bus import Bus
 from drivers.bus.known_servos import KnownServos
 from drivers.driver_errors import ServoError
+from drivers.servos.series import Series
+from hal.compensation.joint_offset import JointOffset
 from hal.joint import Joint
 from hal.leaps import Plausibility
+from hal.servos import gravity_compensation
 from hal.servos.gravity_compensation import GravityCompensation
 from hal.servos.soft_torque import SoftTorque
 from tests.servoloop.planted_bugs.registry import detected_by
@@ -111,3 +114,40 @@ def lost_components_of_a_held_arm_are_released(patch: pytest.MonkeyPatch) -> Non
         check_torque(loop)
 
     patch.setattr(shutdown, "_check_torque", wrong)
+
+
+@detected_by("offsets carry the weight")
+def offsets_appear_at_once_after_an_activation(patch: pytest.MonkeyPatch) -> None:
+    restart = JointOffset.restart
+
+    def wrong(offset: JointOffset) -> None:
+        share = getattr(offset, "_share", 0.0)
+        restart(offset)
+        offset._share = share
+
+    patch.setattr(JointOffset, "restart", wrong)
+
+
+@detected_by("offsets carry the weight")
+def the_whole_weight_of_a_guided_arm_is_carried(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(gravity_compensation, "GUIDED_SHARE", 1.0 - 1e-9)
+
+
+@detected_by("limp joints are found")
+def reset_servos_that_a_goal_drives_are_not_recognized(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Series, "drives", lambda series, state, limit: state & 0xFF == 1)
+
+
+@detected_by("limp joints are found")
+def torque_limits_do_not_show_resets(patch: pytest.MonkeyPatch) -> None:
+    def wrong(bus: Bus, servo_id: int, share: float) -> None:
+        series = bus._servos.series(servo_id)
+        if series.torque_limit is None:
+            limit_torque(bus, servo_id, share)
+            return
+        held = bus._read_with_retries(servo_id, series.max_torque)
+        bus._limits[servo_id] = min(round(share * series.full_torque), held)
+        bus._write_with_retries(servo_id, series.torque_limit, bus._limits[servo_id])
+
+    limit_torque = Bus.limit_torque
+    patch.setattr(Bus, "limit_torque", wrong)
