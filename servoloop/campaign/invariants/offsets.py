@@ -160,7 +160,7 @@ class OffsetsCarryTheWeight(Invariant):
         self._count(state)
         near = {name for name in self._goals.keys() & self._sagging if self._free[name]}
         free = {name for name in near if self._free[name] > STEADY_CYCLES}
-        small = {name for name in near if self._guided_cycles or self._fades_in(name)}
+        small = {name for name in near if self._steady[name] > 1 and (guided or self._fades_in(name))}
         if not free and not small:
             self._recent_sags.clear()
             return
