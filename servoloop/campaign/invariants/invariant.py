@@ -1,7 +1,7 @@
 """Base class of invariants: conditions that are checked while a simulated stack runs."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -220,6 +220,9 @@ class Invariant:
 
     def on_write(self, bus: str, data: bytes) -> None:
         """Called with every packet before the servos on this bus receive it."""
+
+    def on_goals(self, bus: str, goals: Mapping[int, int]) -> None:
+        """Called with the goals in a packet, in counts, keyed by servo ID, before the servos on this bus receive it."""
 
     def on_command(self, values: FloatArray) -> None:
         """Called with each command after the safety gate, as an array of shape (m,), even while the program ends."""

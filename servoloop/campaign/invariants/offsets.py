@@ -11,13 +11,11 @@ import mujoco
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from drivers.servos.catalog import series_of
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
-from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.line.spread import Quantity, Spread
 
@@ -84,10 +82,6 @@ class OffsetsCarryTheWeight(Invariant):
         self._by_id = {
             bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines
         }
-        self._readers = {
-            name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
-            for name, line in stack.lines.items()
-        }
         self._weight = _Weight(stack)
         known = {joint.name: joint.compliance for joint in self.joints if joint.name in self.driven_joints}
         self._compliances = {name: one for name, one in known.items() if one is not None}
@@ -108,8 +102,8 @@ class OffsetsCarryTheWeight(Invariant):
         """Number of cycles for which each command was constant, and number of cycles for which each joint was near its
         command, had no fault and was not stalled."""
 
-    def on_write(self, bus: str, data: bytes) -> None:
-        for servo_id, counts in self._readers[bus].read(data).items():
+    def on_goals(self, bus: str, goals: Mapping[int, int]) -> None:
+        for servo_id, counts in goals.items():
             joint = self._by_id[bus].get(servo_id)
             if joint is None:
                 continue

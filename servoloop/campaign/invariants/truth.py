@@ -2,17 +2,15 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import DECEIVING, UNREAD, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
-from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.simulation.faulty_stack import FaultyStack
 
 READING_COUNTS: Final = 4.0
@@ -160,10 +158,6 @@ class GoalsMeanCommands(Invariant):
             bus: {joint.servo_id: joint for joint in reference.values() if joint.bus == bus} for bus in stack.lines
         }
         self._known = reference
-        self._readers = {
-            name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
-            for name, line in stack.lines.items()
-        }
         self._offsets = {
             joint.name: OFFSET_SHARE * (joint.limits.upper - joint.limits.lower)
             + (joint.compliance.uncorrected if joint.compliance else 0.0)
@@ -255,9 +249,8 @@ class GoalsMeanCommands(Invariant):
         if self._blocked[joint] > BLOCKED_CYCLES:
             self.say(f"{joint} is blocked at {true:.4f}, but its goal is {ahead:.4f} ahead")
 
-    def on_write(self, bus: str, data: bytes) -> None:
-        goals = self._readers[bus].read(data)
-        if not goals or not self.active:
+    def on_goals(self, bus: str, goals: Mapping[int, int]) -> None:
+        if not self.active:
             return
         commands = dict(zip(self.commanded, self.stack.loop.command.tolist(), strict=True))
         before = dict(zip(self.commanded, self.stack.loop.previous_command.tolist(), strict=True))

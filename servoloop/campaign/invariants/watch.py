@@ -34,6 +34,7 @@ from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
 from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
 from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly
 from servoloop.campaign.invariants.waiting import TrajectoriesWait
+from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -100,7 +101,7 @@ class Watch:
         ]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
-        on_step, on_write = self._guarded("on_step"), self._guarded("on_write")
+        on_step, on_write, on_goals = (self._guarded(hook) for hook in ("on_step", "on_write", "on_goals"))
         on_motion, on_state = self._guarded("on_motion"), self._guarded("on_state")
         positions: list[FloatArray] = []
         position = stack.world.position
@@ -119,8 +120,19 @@ class Watch:
 
         stack.components.on_command = self._guarded("on_command")
         stack.on_state, stack.on_step = measured, stepped
+        joints = stack.files.robot.joints
+        readers = {
+            name: GoalReader(line, [joint for joint in joints if joint.bus == name])
+            for name, line in stack.lines.items()
+        }
+
+        def written(bus: str, data: bytes) -> None:
+            on_write(bus, data)
+            if goals := readers[bus].read(data):
+                on_goals(bus, goals)
+
         for name, port in stack.ports.items():
-            port.on_write = partial(on_write, name)
+            port.on_write = partial(written, name)
 
     @property
     def examined(self) -> dict[str, int]:

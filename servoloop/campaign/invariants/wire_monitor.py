@@ -1,7 +1,7 @@
 """Monitor the bytes on a bus for goals and torque commands that an arm must never receive."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from math import inf, pi
 from typing import Any, Final, NamedTuple, cast
 
@@ -10,7 +10,6 @@ from drivers.servos import sts
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.feetech import STS
 from drivers.servos.register import ByteOrder, Register
-from drivers.servos.series import Series
 from hal.joint import Joint
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.line.line import ServoLine
@@ -211,13 +210,13 @@ class WireMonitor:
 class GoalReader:
     """Extractor that finds goal positions, in counts, in the instructions on a bus."""
 
-    def __init__(self, line: ServoLine[Any], series: Mapping[int, Series]) -> None:
-        """Read the goals of the servos in ``series``, which maps each servo ID to the servo's series."""
+    def __init__(self, line: ServoLine[Any], joints: Sequence[Joint]) -> None:
+        """Read the goals of the servos of these joints, which are on this bus."""
         second = isinstance(line, VirtualDynamixelBus)
         self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
         self._writes = _writes_2 if second else _writes_1
-        self._series = series
-        self._memories = {servo_id: line.servo(servo_id).memory for servo_id in series}
+        self._series = {joint.servo_id: series_of(joint.model) for joint in joints}
+        self._memories = {joint.servo_id: line.servo(joint.servo_id).memory for joint in joints}
 
     def read(self, data: bytes) -> dict[int, int]:
         """Return the goals in one write to the bus, keyed by servo ID."""
