@@ -18,6 +18,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStates
+from controller.manager.controllers_file import HONORED
 from drivers.printable import printable
 from hal.plausible import Rate
 from hal.yaml_file import error_text
@@ -88,8 +89,11 @@ class RobotStatePublisher:
 
     def _initial(self) -> RobotStateParameters:
         default = {"frame_prefix": frame_prefix(self._stack.namespace)}
+        given = self._stack.factory.file.parameters(NAME)
+        for name in given.keys() - RobotStateParameters.model_fields.keys() - set(HONORED):
+            self.node.get_logger().warning(printable(f"parameter without effect: {name}"))
         try:
-            return RobotStateParameters.model_validate(default | self._stack.factory.file.parameters(NAME))
+            return RobotStateParameters.model_validate(default | given)
         except ValidationError as error:
             self.node.get_logger().error(printable(f"{_describe(error)}: using the default parameters"))
             return RobotStateParameters.model_validate(default)

@@ -1,6 +1,7 @@
 """Control a real or virtual arm from a program without ROS: motions, streams, gripper, state and torque."""
 
 import math
+import os
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -114,7 +115,7 @@ class Arm:
         return arm
 
     @classmethod
-    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
+    def connect(cls, arm: str | os.PathLike[str] | int | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
         The arm keeps running after ``close``, but this program's motions stop within the arm's limits. Only one program
@@ -131,7 +132,7 @@ class Arm:
         from servoloop.api.socket_backend import SocketBackend
 
         connected = cls.__new__(cls)
-        backend = SocketBackend.find(arm, namespace)
+        backend = SocketBackend.find(None if arm is None else str(arm), namespace)
         connected._use(backend, backend.close, str(backend.description.folder or backend.description.name))
         return connected
 

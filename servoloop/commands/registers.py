@@ -15,6 +15,21 @@ if TYPE_CHECKING:
     from commissioning.scan.find import FoundServo
 
 
+def number_of(text: str) -> int:
+    """Convert a decimal number, or a hexadecimal number with the prefix 0x. Raises ValueError."""
+    return int(text, 16) if text.strip().lower().startswith("0x") else int(text)
+
+
+def _address(text: str) -> int:
+    try:
+        address = number_of(text)
+    except ValueError:
+        raise typer.BadParameter(f"must be a number such as 40 or 0x28, not {text!r}") from None
+    if address < 0:
+        raise typer.BadParameter(f"must be at least 0, not {address}")
+    return address
+
+
 Span = tuple[int, int]
 """Address and size of a register."""
 
@@ -26,7 +41,11 @@ class RegisterAddress:
     address: Annotated[
         int | None,
         typer.Option(
-            "--address", min=0, help="Address of a register, instead of its name, if the model has no control table."
+            "--address",
+            parser=_address,
+            metavar="INTEGER",
+            help="Address of a register, instead of its name, if the model has no control table. Decimal, or "
+            "hexadecimal with 0x.",
         ),
     ] = None
     size: Annotated[int | None, typer.Option("--size", help="Size of the register at --address: 1, 2 or 4 bytes.")] = (
@@ -79,9 +98,11 @@ def print_address(servo: "FoundServo", span: Span, json: bool) -> None:
 def whole_number(value: str) -> int:
     """Convert the value to write to an address. Raises CommissioningError."""
     try:
-        return int(value)
+        return number_of(value)
     except ValueError:
-        raise CommissioningError(f"with --address, the value must be a whole decimal number, not {value!r}") from None
+        raise CommissioningError(
+            f"with --address, the value must be a whole number such as 40 or 0x28, not {value!r}"
+        ) from None
 
 
 def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool) -> None:

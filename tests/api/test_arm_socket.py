@@ -50,6 +50,11 @@ def test_two_programs_do_not_move_the_arm_at_once(stack: None) -> None:
         second.move_to({PAN: 0.1}, speed=0.5)
 
 
+def test_a_process_that_is_not_a_stack_is_refused(stack: None) -> None:
+    with pytest.raises(ArmSetupError, match="no stack of 1 is running"):
+        Arm.connect(1)
+
+
 def test_a_closed_connection_explains_itself(stack: None) -> None:
     arm = Arm.connect()
     arm.close()

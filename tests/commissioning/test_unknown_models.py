@@ -110,9 +110,11 @@ def test_the_commands_take_an_address_and_ask_before_a_write(
         bus.servo(1).memory.put(x.model_number, PH54_100)
         assert run(monkeypatch, "register", "read", *where, "--address", "84", "--size", "2") == 0
         assert capsys.readouterr().out == "address 84: 640\n"
+        assert run(monkeypatch, "register", "read", *where, "--address", "0x54", "--size", "2") == 0
+        assert capsys.readouterr().out == "address 84: 640\n"
         assert run(monkeypatch, "register", "read", *where, "position_p_gain") == 1
         assert "--address" in capsys.readouterr().err
-        write = ("register", "write", *where, "--address", "84", "--size", "2", "900")
+        write = ("register", "write", *where, "--address", "84", "--size", "2", "0x384")
         assert run(monkeypatch, *write, answer="n\n") == 1
         said = " ".join(capsys.readouterr().err.split())
         assert "cannot check what this register does, or whether the torque of the servo is enabled. Continue?" in said
@@ -130,7 +132,9 @@ def test_the_commands_take_an_address_and_ask_before_a_write(
         (("read", "--address", "65"), "--address and --size must be used together"),
         (("write", "led"), "pass a name and a value, or --address, --size and a value"),
         (("write", "led", "1", "--address", "65", "--size", "1"), "pass a name and a value, or --address"),
-        (("write", "on", "--address", "65", "--size", "1"), "the value must be a whole decimal number, not 'on'"),
+        (("write", "on", "--address", "65", "--size", "1"), "whole number such as 40 or 0x28, not 'on'"),
+        (("read", "--address", "0x4g", "--size", "1"), "must be a number such as 40 or 0x28"),
+        (("read", "--address", "-1", "--size", "1"), "must be at least 0, not -1"),
     ],
 )
 def test_a_name_and_an_address_exclude_each_other(

@@ -97,3 +97,11 @@ def test_invalid_initial_parameters_are_logged_and_replaced_by_defaults(
     (name,) = parameters
     assert robot.publisher.node.get_parameter("publish_frequency").value == 20.0
     assert f"{name}: " in capfd.readouterr().err
+
+
+def test_initial_parameters_without_effect_are_logged(
+    executor: SingleThreadedExecutor, capfd: pytest.CaptureFixture[str]
+) -> None:
+    executor.add_node(EmptyRobot({"use_tf_static": True, "use_sim_time": False}).publisher.node)
+    logged = capfd.readouterr().err
+    assert "parameter without effect: use_tf_static" in logged and "use_sim_time" not in logged
