@@ -10,6 +10,7 @@ import numpy as np
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
+from servoloop.api.freedrive import FREEDRIVE
 from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
 from servoloop.campaign.invariants.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -33,6 +34,8 @@ On a bus with many errors, the torque of such servos is read less often.
 """
 SHARED_ID: Final = frozenset({"wrong_id", "collision", "eeprom_gone"})
 """Faults after which another servo may have replied instead of a servo that had lost its torque."""
+WAITS_S: Final = 1.0
+"""Time for which freedrive holds the joints at first, in seconds."""
 STARTS: Final = 0.04
 """Largest change of a command in the first cycle of a controller, in rad or m."""
 LEAP_COUNTS: Final = 300
@@ -117,13 +120,16 @@ class SafeCommands(Invariant):
         """Whether a fault of a controller has changed its commands since the previous state."""
         self._running: set[str] = set()
         """Names of the controllers that drove their joints in the previous cycle."""
+        self._before_s = math.inf
+        """Time of the previous state."""
 
     def on_state(self, state: JointState) -> None:
         self._released = self.released(state)
         upset, self._upset = self._upset or self.upset, self.upset
         for arm in () if upset else self.stack.arms:
             self._examine_gate(arm, state.stamp_s)
-        self._examine_starts(upset)
+        self._examine_starts(upset, state.stamp_s - self._before_s > WAITS_S)
+        self._before_s = state.stamp_s
         if self.active and not math.isfinite(self.stack.loop.command.sum()):
             for name, command in zip(self.commanded, self.stack.loop.command.tolist(), strict=True):
                 if not math.isfinite(command) and name not in state.faults:
@@ -170,15 +176,17 @@ class SafeCommands(Invariant):
         for at in np.flatnonzero(safe & ~(np.abs(command - wanted) <= ROUNDING)).tolist():
             self.say(f"{arm.joints[at]} is commanded to {wanted[at]:.4f}, but the safety gate passes {command[at]:.4f}")
 
-    def _examine_starts(self, upset: bool) -> None:
+    def _examine_starts(self, upset: bool, waited: bool) -> None:
         """Check that a controller starts where the joints of the previous controller have stopped.
 
-        Limp joints receive no goals, and freedrive follows their measured positions from its first command.
+        Limp joints receive no goals, and freedrive follows their measured positions from its first command. All joints
+        are followed from then on if the stack ``waited`` for a servo in the meantime.
         """
         loop, manager, before = self.stack.loop, self.stack.manager, self._running
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
         self._running = set(entries)
-        for name in sorted(entries.keys() - before) if self.active and not upset else ():
+        known = {FREEDRIVE} if waited else set[str]()
+        for name in sorted(entries.keys() - before - known) if self.active and not upset else ():
             place = np.array(entries[name].index, dtype=np.intp)
             command, last = entries[name].controller.command, loop.previous_command[place]
             ends = np.array([command, np.clip(command, self._lower[place], self._upper[place])])

@@ -99,7 +99,7 @@ class EndsAsChosen(Invariant):
             self.examined += len(reached)
             self._report("torque still enabled", on & reached)
             if self._ran:
-                self._report("torque still enabled, which was not reported", on - self._reported())
+                self._report("torque still enabled, which was not reported", on - self._reported() - self.sharing_id)
         self._report("not parked", self._not_parked() & driven)
         self._report("moved while the arm was parked", self._moved() & driven)
 

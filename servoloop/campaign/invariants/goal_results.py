@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections import Counter, defaultdict, deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -59,7 +59,8 @@ class _Cycle(NamedTuple):
 
     wanted: dict[str, float]
     true: dict[str, float]
-    faults: frozenset[str]
+    unmeasured_cycles: int
+    """Largest number of consecutive cycles up to this cycle in which a joint of the arm was not measured."""
     on_goal: bool
 
 
@@ -76,14 +77,18 @@ class AbortsAreTrue(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
         self._history: deque[_Cycle] = deque(maxlen=HISTORY)
+        self._unmeasured: dict[str, int] = {}
+        """Number of cycles for which each joint of the arm has not been measured."""
         self._followed: LoggedGoal | None = None
         """Goal whose path the arm has followed."""
 
     def on_state(self, state: JointState) -> None:
         tracking = self.arm.tracking
+        self._unmeasured = {one: self._unmeasured.get(one, 0) + 1 for one in self.arm.joints if one in state.faults}
         if tracking is not None:
             wanted = dict(zip(self.arm.joints, tracking.reference.position.tolist(), strict=True))
-            self._history.append(_Cycle(wanted, self.true_positions(), frozenset(state.faults), tracking.on_goal))
+            unmeasured_cycles = max(self._unmeasured.values(), default=0)
+            self._history.append(_Cycle(wanted, self.true_positions(), unmeasured_cycles, tracking.on_goal))
         for logged in self.stack.ended_goals:
             handle = logged.handle
             if logged.controller != self.arm.name:
@@ -141,12 +146,8 @@ class AbortsAreTrue(Invariant):
         """
         on_path = [number for number, one in enumerate(self._history) if one.on_goal and followed]
         left = on_path[-1] if on_path else None
-        most, cycles = 0, Counter[str]()
-        for number, one in enumerate(self._history):
-            cycles = Counter({joint: cycles[joint] + 1 for joint in one.faults if joint in self.arm.joints})
-            if left is None or abs(number - left) <= 1:
-                most = max(most, *cycles.values()) if cycles else most
-        return most
+        counted = (one for number, one in enumerate(self._history) if left is None or abs(number - left) <= 1)
+        return max((one.unmeasured_cycles for one in counted), default=0)
 
     def _largest_deviation(self, joint: str) -> float:
         off = (
