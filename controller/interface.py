@@ -147,7 +147,8 @@ class Relieving(Controller, Protocol):
     """A controller that can relieve its joints after deactivation, so that they do not press against an obstacle."""
 
     def begin_relief(self, state: JointState, command: FloatArray) -> None:
-        """Begin the relief. The joints are at rest, and no other controller commands them.
+        """Begin the relief. The joints are at rest, and no other controller commands them. The controller may not have
+        been active before.
 
         Args:
             state: Measurement of this cycle.

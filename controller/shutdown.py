@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from controller.final_state import FinalState
+from controller.interface import relieving
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, MotionError, RuckigMotion, motion_to
 from controller.stops import StopMotion, return_s
@@ -144,11 +145,17 @@ def _stop(loop: ControlLoop) -> None:
 def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
     """Relieve joints whose torque remains enabled, so that they do not press against an obstacle.
 
-    All joints must be at rest.
+    All joints must be at rest. A joint without an active controller is relieved too, because something may have pushed
+    it against an obstacle.
     """
     leaving, due_s = loop.manager.cycle.leaving, loop.clock.now()
     loop.manager.stops.moving.clear()
     leaving.restart(range(len(loop.command)))
+    for entry in loop.manager.registry.loaded.values():
+        controller = relieving(entry.configured) if entry.state is LifecycleState.INACTIVE else None
+        driven = np.isfinite(loop.command[entry.index]).all() and all(map(loop.hardware.ready, entry.commands))
+        if controller is not None and driven and not leaving.holds(entry.index):
+            leaving.add(controller, entry.index)
     while leaving.entries and loop.hardware.reachable and not hurry():
         state = loop.hardware.read()
         loop.send(loop.manager.cycle.update(state, loop.command, state.stamp_s, loop.period_s))

@@ -256,6 +256,17 @@ def test_a_joint_that_slides_along_its_obstacle_is_relieved_when_it_comes_to_res
     assert bench.path()[-1][ELBOW] == pytest.approx(-0.1, abs=PRESSES_RAD)
 
 
+def test_a_joint_that_is_pushed_without_a_controller_is_relieved_at_the_end() -> None:
+    bench = Bench().up()
+    deactivate(bench)
+    bench.cycle(80)
+    bench.hardware.objects = {"elbow": -0.2}
+    bench.cycle(20)
+    assert bench.path()[-1][ELBOW] == pytest.approx(0.0), "the arm keeps its command"
+    hold_at_the_end(bench)
+    assert bench.path()[-1][ELBOW] == pytest.approx(-0.2, abs=PRESSES_RAD)
+
+
 def test_a_free_arm_keeps_its_command_when_its_controller_is_deactivated() -> None:
     bench = Bench().up()
     handle = bench.send(to(0.4, 0.8))
