@@ -235,13 +235,14 @@ class GoalsMeanCommands(Invariant):
 
         Otherwise, the joint would jump as soon as it is free. A joint that was turned beyond its limits is skipped,
         because its servo may press in the direction of the other limit. A goal that approaches a joint that was thrown
-        far away is also skipped, because goals change at a limited speed.
+        far away is also skipped, because goals change at a limited speed. Such a goal may approach the long way around.
         """
         known, goal = self._known.get(joint), self._last.get(joint)
         inside = known is not None and known.lower - LEAD <= true <= known.upper + LEAD and not known.turned(true)
         ahead = known.apart(goal, true) if known is not None and inside and goal is not None else 0.0
-        approaches = self._ahead.get(joint, ahead) - ahead > self._approach[joint]
-        self._ahead[joint] = ahead
+        straight = abs(goal - true) if goal is not None else 0.0
+        approaches = self._ahead.get(joint, straight) - straight > self._approach[joint]
+        self._ahead[joint] = straight
         if speed > STANDS or ahead <= self._lead.get(joint, math.inf) or approaches or self.deceived(joint):
             self._blocked[joint] = 0
             return
