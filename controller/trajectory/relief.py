@@ -39,8 +39,8 @@ command at this time, so the distance also grows slightly if no neighbor pushes 
 """
 SHRINKS: Final = 0.8
 """Factor by which the distance between a seemingly free joint and its command must shrink to indicate that the joint is
-blocked after all. A free joint moves as far as its command, but a blocked joint that a neighbor moved for a moment stays
-where it is. The factor is relative to the distance before the command moved back.
+blocked after all. A free joint moves as far as its command, but a blocked joint that a neighbor moved for a moment
+stays where it is. The factor is relative to the distance before the command moved back.
 """
 ANY_ERROR: Final = np.array([[0.0], [np.inf]])
 """Range of following errors (2, 1) of joints that have not been found to be free."""
@@ -162,10 +162,11 @@ class Relief:
     def _stop_if_joints_move(self, now: Cycle, known: BoolArray, limp: BoolArray) -> None:
         """Stop all commands if a joint, limp or not, moves further than a blocked joint can.
 
-        A joint that follows its command is free and is not relieved again, unless it then rests closer to its
-        command or a neighbor pushes it further. All other joints that still rest before reaching their commands are relieved again, because a joint that advances
-        toward its old command may touch the obstacle again. A joint that moves further than its command is pushed by a
-        neighbor, so it is still blocked and its motion is measured from its new position.
+        A joint that follows its command is free and is not relieved again, unless it then rests closer to its command
+        or a neighbor pushes it further. All other joints that still rest before reaching their commands are relieved
+        again, because a joint that advances toward its old command may touch the obstacle again. A joint that moves
+        further than its command is pushed by a neighbor, so it is still blocked and its motion is measured from its new
+        position.
         """
         error, loose = np.abs(now.error), LOOSE * self._sampler.still
         back = self._from_command - now.reference.position

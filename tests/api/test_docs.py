@@ -1,5 +1,6 @@
 """The code blocks of docs/python.md run on a virtual arm."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ class ConnectedArm(servoloop.Arm):
     """Arm whose ``connect`` returns a virtual arm instead of the arm of a running stack."""
 
     @classmethod
-    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Any:
+    def connect(cls, arm: str | os.PathLike[str] | int | None = None, *, namespace: str | None = None) -> Any:
         return LoadedArm()
 
 
