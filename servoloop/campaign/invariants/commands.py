@@ -185,8 +185,8 @@ class SafeCommands(Invariant):
         loop, manager, before = self.stack.loop, self.stack.manager, self._running
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}
         self._running = set(entries)
-        known = {FREEDRIVE} if waited else set[str]()
-        for name in sorted(entries.keys() - before - known) if self.active and not upset else ():
+        excused = {FREEDRIVE} if waited else set[str]()
+        for name in sorted(entries.keys() - before - excused) if self.active and not upset else ():
             place = np.array(entries[name].index, dtype=np.intp)
             command, last = entries[name].controller.command, loop.previous_command[place]
             ends = np.array([command, np.clip(command, self._lower[place], self._upper[place])])
