@@ -90,7 +90,7 @@ class RobotStatePublisher:
     def _initial(self) -> RobotStateParameters:
         default = {"frame_prefix": frame_prefix(self._stack.namespace)}
         given = self._stack.factory.file.parameters(NAME)
-        for name in given.keys() - RobotStateParameters.model_fields.keys() - set(HONORED):
+        for name in sorted(given.keys() - RobotStateParameters.model_fields.keys() - set(HONORED)):
             self.node.get_logger().warning(printable(f"parameter without effect: {name}"))
         try:
             return RobotStateParameters.model_validate(default | given)

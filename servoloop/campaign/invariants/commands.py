@@ -179,8 +179,8 @@ class SafeCommands(Invariant):
     def _examine_starts(self, upset: bool, waited: bool) -> None:
         """Check that a controller starts where the joints of the previous controller have stopped.
 
-        Limp joints receive no goals, and freedrive follows their measured positions from its first command. All joints
-        are followed from then on if the stack ``waited`` for a servo in the meantime.
+        Limp joints receive no goals, and freedrive follows their measured positions from its first command. If the
+        stack ``waited`` for longer than freedrive holds the joints at first, freedrive follows all joints from then on.
         """
         loop, manager, before = self.stack.loop, self.stack.manager, self._running
         entries = {one.spec.name: one for one in manager.registry.running if manager.cycle.at_rest(one.index)}

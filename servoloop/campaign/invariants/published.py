@@ -1,4 +1,4 @@
-"""Invariant on what the stack publishes: joint states and diagnostics say the same as the measurement."""
+"""Invariant on published messages: joint states and diagnostics agree with the measurement."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -89,7 +89,7 @@ class PublishedAsMeasured(Invariant):
 
     @staticmethod
     def _wrong(status: Status, state: JointState, joint: str) -> str:
-        """Return what contradicts the status of a joint, or an empty string."""
+        """Return a fact that contradicts the status of a joint, or an empty string."""
         fault, health = state.faults.get(joint), state.health.get(joint)
         if fault is not None:
             right = status.level is Level.ERROR and status.message == fault.text
