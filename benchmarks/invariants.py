@@ -22,7 +22,7 @@ SCENARIO: Final = Path(__file__).parents[1] / "docs" / "campaign.yaml"
 SEEDS: Final = 10
 REPEATS: Final = 3
 """Number of times each run is repeated. The shortest repetition is used."""
-HOOKS: Final = ("__init__", "on_write", "on_command", "on_step", "on_state", "at_end")
+HOOKS: Final = ("__init__", *(name for name in vars(Invariant) if name.startswith("on_")), "at_end")
 """Methods of an invariant whose execution time is measured."""
 
 Kinds = tuple[type[Invariant], ...]

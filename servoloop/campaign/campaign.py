@@ -12,10 +12,10 @@ from drivers.driver_errors import DriverError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, hand_of, in_scenario, in_schedule, joints_and_hand
-from servoloop.campaign.draw_arm import draw_firmware, draw_jam, draw_limits, draw_setting
-from servoloop.campaign.draw_clients import draw_client, draw_end
-from servoloop.campaign.draw_coincidences import Coincidence, DrawnRun, draw_coincidence
-from servoloop.campaign.draw_end import draw_hurry
+from servoloop.campaign.draws.arm import draw_firmware, draw_jam, draw_limits, draw_setting
+from servoloop.campaign.draws.clients import draw_client, draw_end
+from servoloop.campaign.draws.coincidences import Coincidence, DrawnRun, draw_coincidence
+from servoloop.campaign.draws.end import draw_hurry
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
 from servoloop.campaign.scenario import Scenario, ScenarioError

@@ -10,7 +10,7 @@ from drivers.servos.catalog import series_of
 from hal.hal_errors import HalError
 from hal.types import JointLimits
 from pick_place.settings import normal_grade
-from servoloop.campaign.draw_clients import draw_client
+from servoloop.campaign.draws.clients import draw_client
 from servoloop.campaign.promises import PromisedVisit
 from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.visits import JOB, NO_SERVO, makes_of

@@ -16,7 +16,7 @@ from pick_place.settings import JobSettings
 from servoloop.api.freedrive import Freedrive
 from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.invariants.watch import ALL, Watch
-from servoloop.campaign.socket_programs import ConnectedPrograms
+from servoloop.campaign.socket_clients.connected_programs import ConnectedPrograms
 from servoloop.campaign.visits import Visit
 from servoloop.simulation.acts import SocketAct
 from servoloop.simulation.clients import SimulatedClients

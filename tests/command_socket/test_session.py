@@ -9,7 +9,7 @@ import pytest
 from controller.manager.switch import SwitchRequest
 from servoloop.api.own_loop import describe
 from servoloop.api.stack_backend import StackBackend
-from servoloop.campaign.between_cycles import BetweenCycles
+from servoloop.campaign.socket_clients.between_cycles import BetweenCycles
 from servoloop.command_server import session as session_module
 from servoloop.command_server.requests import StackRequests
 from servoloop.command_server.session import Session

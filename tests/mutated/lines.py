@@ -7,7 +7,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Final
 
-from servoloop.campaign.invariants.wire_monitor import WireMonitor
+from servoloop.campaign.invariants.commands.wire_monitor import WireMonitor
 from servoloop.simulation.trace_file import PacketText
 from servoloop.stack.arm_folders import find_arm, read_arm_servos
 from servoloop.stack.emulator import couplings, virtual_lines

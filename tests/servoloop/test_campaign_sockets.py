@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from hal.types import FloatArray
-from servoloop.campaign import socket_program
 from servoloop.campaign.campaign import files_of, require_possible_schedule, run_schedule_of, run_seed, schedule_of
 from servoloop.campaign.contradictions import joints_and_hand
-from servoloop.campaign.draw_clients import DRAWS, draw_client
-from servoloop.campaign.nonsense import FAULTS
+from servoloop.campaign.draws.clients import DRAWS, draw_client
 from servoloop.campaign.scenario import Scenario
 from servoloop.campaign.shrink import shrink
+from servoloop.campaign.socket_clients import program as socket_program
+from servoloop.campaign.socket_clients.nonsense import FAULTS
 from servoloop.command_server import requests
 from servoloop.simulation.acts import (
     Act,

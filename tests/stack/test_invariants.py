@@ -19,8 +19,8 @@ from hal.servos.activation import Activation
 from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
 from pick_place.settings import JobSettings
-from servoloop.campaign.invariants.end import EndsAsChosen
-from servoloop.campaign.invariants.goals import GoalsEnd
+from servoloop.campaign.invariants.goals.ends import GoalsEnd
+from servoloop.campaign.invariants.lifecycle.end import EndsAsChosen
 from servoloop.campaign.invariants.watch import Watch
 from servoloop.campaign.run import RunReport, run_schedule, with_exit_policy
 from servoloop.simulation.acts import Act, Cancel, Move, Reactivate

@@ -22,7 +22,7 @@ from drivers.types import ServoGoal
 from hal.hal_errors import ActivationError, HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.wire_monitor import WireMonitor
+from servoloop.campaign.invariants.commands.wire_monitor import WireMonitor
 from servoloop.simulation.stack import SimulatedStack
 from sim_backend.faults.lines import WRITE
 from tests.drivers.fault_lines import CYCLES

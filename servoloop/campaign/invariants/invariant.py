@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.servos.catalog import series_of
+from drivers.servos.register import Register
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
@@ -102,6 +104,12 @@ class Invariant:
         """The virtual servo of each joint."""
         self._torque_enable = {joint.name: series_of(joint.model).torque_enable for joint in self.joints}
 
+    @cached_property
+    def _error_registers(self) -> dict[str, list[Register]]:
+        """The error registers of each joint's servo."""
+        tables = {joint.name: series_of(joint.model).registers for joint in self.joints}
+        return {name: [one for one in table if one.name in COMPLAINTS] for name, table in tables.items()}
+
     @property
     def active(self) -> bool:
         """Whether the hardware is active and none of its components is changing its state."""
@@ -163,7 +171,7 @@ class Invariant:
 
     def deceived(self, joint: str) -> bool:
         """Return whether the joint's servo may report a wrong position, or move differently, because of a fault."""
-        return bool(DECEIVING & self.stack.touches.kinds(joint)) and bool(self._deceptions(joint))
+        return bool(self._deceptions(joint))
 
     def _deceptions(self, joint: str) -> list[Event]:
         """Return the faults because of which the joint's servo may report a wrong position or move differently."""
@@ -206,6 +214,15 @@ class Invariant:
     def torque(self, joint: Joint) -> bool:
         """Return whether the torque of the joint's virtual servo is enabled. The stack may report a different state."""
         return bool(self.servos[joint.name].memory.get(self._torque_enable[joint.name]) != 0)
+
+    def error_bits(self, joint: Joint) -> list[tuple[str, int]]:
+        """Return the name and the value of each error register of the joint's virtual servo."""
+        memory = self.servos[joint.name].memory
+        return [(one.name, memory.get(one)) for one in self._error_registers[joint.name]]
+
+    def reports_error(self, joint: Joint) -> bool:
+        """Return whether the joint's virtual servo reports an error, such as overload protection."""
+        return any(bits for _, bits in self.error_bits(joint))
 
     def released(self, state: JointState) -> set[str]:
         """Return the reported joints whose torque is off. Only an activation enables their torque.
@@ -252,14 +269,3 @@ def _deceives(event: Event) -> bool:
     if isinstance(event, WrongSetting):
         return event.register_name in MOVING_SETTINGS
     return event.kind in DECEIVING
-
-
-def reports_error(joint: Joint, servo: Any) -> bool:
-    """Return whether a virtual servo reports an error, such as overload protection."""
-    return any(bits for _, bits in error_bits(joint, servo))
-
-
-def error_bits(joint: Joint, servo: Any) -> list[tuple[str, int]]:
-    """Return the name and the value of each error register of a virtual servo."""
-    registers = series_of(joint.model).registers
-    return [(one.name, servo.memory.get(one)) for one in registers if one.name in COMPLAINTS]

@@ -50,6 +50,9 @@ class ReferenceJoint:
         A servo that does not count turns reports a position beyond its encoder wrap with an error of one whole turn.
         """
         counts = self.zero_counts + position / self.units_per_count
+        if noise_counts <= counts < self.counts_per_turn - noise_counts:
+            noise = noise_counts * self.units_per_count
+            return [position - noise, position, position + noise] if noise else [position]
         near = (counts - noise_counts, counts, counts + noise_counts)
         return [
             position,

@@ -8,33 +8,34 @@ from typing import Any, Final
 import numpy as np
 
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.activation import ActivatedAsConfigured
-from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
-from servoloop.campaign.invariants.end import EndsAsChosen
-from servoloop.campaign.invariants.first_reason import FirstReasonDecides
-from servoloop.campaign.invariants.forwarded import ForwardedIsFollowed
-from servoloop.campaign.invariants.goal_paths import (
+from servoloop.campaign.invariants.commands.goal_positions import GoalsMeanCommands
+from servoloop.campaign.invariants.commands.offsets import OffsetsCarryTheWeight
+from servoloop.campaign.invariants.commands.safety import SafeCommands, SafeWire
+from servoloop.campaign.invariants.commands.wire_monitor import GoalReader
+from servoloop.campaign.invariants.goals.ends import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
+from servoloop.campaign.invariants.goals.first_reason import FirstReasonDecides
+from servoloop.campaign.invariants.goals.forwarded import ForwardedIsFollowed
+from servoloop.campaign.invariants.goals.grips import GripsAreFollowed
+from servoloop.campaign.invariants.goals.paths import (
     PathIsAsSent,
     ReplacedGoalsEnd,
     StopsFollowPaths,
 )
-from servoloop.campaign.invariants.goal_results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue, SuccessIsTrue
-from servoloop.campaign.invariants.goals import CancelsAreFollowed, GoalsAreJudged, GoalsEnd
-from servoloop.campaign.invariants.grips import GripsAreFollowed
+from servoloop.campaign.invariants.goals.programs import ProgramsAreInformed, StreamsAreFollowed
+from servoloop.campaign.invariants.goals.results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue, SuccessIsTrue
+from servoloop.campaign.invariants.goals.waiting import TrajectoriesWait
 from servoloop.campaign.invariants.invariant import Invariant, Violation
-from servoloop.campaign.invariants.motion import NoFasterThanAllowed
-from servoloop.campaign.invariants.offsets import OffsetsCarryTheWeight
-from servoloop.campaign.invariants.presses import LongPressesAreReduced
-from servoloop.campaign.invariants.programs import ProgramsAreInformed, StreamsAreFollowed
-from servoloop.campaign.invariants.published import PublishedAsMeasured
-from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
-from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
-from servoloop.campaign.invariants.resumption import ControllersResume
-from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
-from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
-from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly
-from servoloop.campaign.invariants.waiting import TrajectoriesWait
-from servoloop.campaign.invariants.wire_monitor import GoalReader
+from servoloop.campaign.invariants.lifecycle.activation import ActivatedAsConfigured
+from servoloop.campaign.invariants.lifecycle.end import EndsAsChosen
+from servoloop.campaign.invariants.lifecycle.resumption import ControllersResume
+from servoloop.campaign.invariants.motion.presses import LongPressesAreReduced
+from servoloop.campaign.invariants.motion.rest import NothingPresses, NothingTravels
+from servoloop.campaign.invariants.motion.smoothness import NanHolds, SmoothEnd, SmoothReference
+from servoloop.campaign.invariants.motion.speed import NoFasterThanAllowed
+from servoloop.campaign.invariants.reports.positions import ReportedTruly
+from servoloop.campaign.invariants.reports.published import PublishedAsMeasured
+from servoloop.campaign.invariants.reports.sensors import HealthIsTrue, MotionIsTrue
+from servoloop.campaign.invariants.reports.servos import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -104,17 +105,17 @@ class Watch:
         on_step, on_write, on_goals = (self._guarded(hook) for hook in ("on_step", "on_write", "on_goals"))
         on_motion, on_state = self._guarded("on_motion"), self._guarded("on_state")
         positions: list[FloatArray] = []
-        position = stack.world.position
+        copy_positions, places = stack.world.arrays.position.copy, list(stack.world.arrays.position_at)
 
         def stepped(time_s: float) -> None:
             former_step(time_s)
-            positions.append(position())
+            positions.append(copy_positions())  # of all bodies, because this is called every millisecond
             on_step(time_s)
 
         def measured(state: JointState) -> None:
             former_state(state)
             self.visits.update(state)
-            on_motion(np.array(positions).reshape(-1, len(stack.world.joints)))
+            on_motion(np.array(positions)[:, places] if positions else np.empty((0, len(places))))
             positions.clear()
             on_state(state)
 

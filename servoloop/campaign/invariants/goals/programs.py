@@ -10,7 +10,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from hal.types import JointState
 from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
-from servoloop.campaign.socket_program import STATES_HZ
+from servoloop.campaign.socket_clients.program import STATES_HZ
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.program_log import MotionKey
 

@@ -10,7 +10,7 @@ import numpy as np
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
-from servoloop.campaign.invariants.smoothness import UPSET_S
+from servoloop.campaign.invariants.motion.smoothness import UPSET_S
 from servoloop.simulation.faulty_stack import FaultyStack
 
 FORWARDED_S: Final = 0.5

@@ -182,6 +182,7 @@ class NothingPresses(Invariant):
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
+        self._by_name = {joint.name: joint for joint in self.joints}
         self._places = {joint: self.commanded.index(joint) for joint in arm.joints}
         self._allowed = {
             joint: PRESSES_SHARE * (stack.loop.limits[place].upper - stack.loop.limits[place].lower)
@@ -243,7 +244,7 @@ class NothingPresses(Invariant):
         relieved_s = RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
         for joint, place in self._places.items():
-            known = not self.deceived(joint) and joint not in state.faults and self.torque_of(joint)
+            known = not self.deceived(joint) and joint not in state.faults and self.torque(self._by_name[joint])
             command = float(self.stack.loop.command[place])
             creeps = abs(true[joint] - self._before.get(joint, (true[joint], command))[0]) > CREEPS * period_s
             off = not (creeps or joint in relieved_now) and self._least_off[joint] > self._allowed[joint]
@@ -299,10 +300,6 @@ class NothingPresses(Invariant):
         """Return whether a fault other than jammed gears currently affects the joint."""
         touches = self.stack.touches
         return touches.since_s(joint, touches.kinds(joint) - {"jammed"}) <= 0.0
-
-    def torque_of(self, joint: str) -> bool:
-        """Return whether the torque of the joint's servo is enabled."""
-        return any(one.name == joint and self.torque(one) for one in self.joints)
 
 
 def _kinds(state: JointState) -> set[str]:

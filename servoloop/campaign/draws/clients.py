@@ -5,7 +5,7 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
-from servoloop.campaign.draw_socket_act import draw_socket_act
+from servoloop.campaign.draws.socket_acts import draw_socket_act
 from servoloop.simulation.acts import (
     Act,
     Cancel,

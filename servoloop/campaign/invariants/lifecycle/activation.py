@@ -10,7 +10,7 @@ from hal.joint import Joint
 from hal.servos.soft_torque import Softening
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
-from servoloop.campaign.invariants.invariant import DECEIVING, Invariant, reports_error
+from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
@@ -144,7 +144,7 @@ class ActivatedAsConfigured(Invariant):
             if joint.name not in self._held or self.stack.touches.since_s(joint.name, CHANGES) <= RECOVERED_S:
                 continue
             self.examined += 1
-            if not self.torque(joint) and not reports_error(joint, self.servos[joint.name]):
+            if not self.torque(joint) and not self.reports_error(joint):
                 self.say(f"{joint.name} was driven, but a failed activation has released it: {error}")
 
     def _within_limits(self) -> bool:
@@ -159,7 +159,7 @@ class ActivatedAsConfigured(Invariant):
     def _healthy(self, joint: Joint) -> bool:
         """Return whether no fault, and no alarm of the servo, can prevent the activation of a joint."""
         name, touches = joint.name, self.stack.touches
-        if reports_error(joint, self.servos[name]) or touches.since_s(name) <= RECOVERED_S:
+        if self.reports_error(joint) or touches.since_s(name) <= RECOVERED_S:
             return False
         return not touches.kinds(name) & (DECEIVING | CHANGES - LOSSES)
 

@@ -75,6 +75,7 @@ class WireMonitor:
             activating: Function that returns whether the hardware is being activated, regardless of its servos' torque.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
+        self._series = {joint.servo_id: series_of(joint.model) for joint in joints}
         self._positions = {joint.servo_id: _position_address(joint) for joint in joints}
         self._line = line
         self._period_s = period_s
@@ -113,12 +114,13 @@ class WireMonitor:
                     self._written(*self._joints[one], address, content)
 
     def _read(self, joint: Joint, servo: Any, address: int, size: int) -> None:
-        if self._positions[joint.servo_id] in _addresses(servo.memory, address, size):
-            self._measured[joint.servo_id] += 1
-            self._read_at[joint.servo_id] = _PositionRead(round(servo.firmware.position), self._line.reached_s)
+        servo_id = joint.servo_id
+        if self._positions[servo_id] in _addresses(servo.memory, address, size):
+            self._measured[servo_id] += 1
+            self._read_at[servo_id] = _PositionRead(round(servo.firmware.position), self._line.reached_s)
 
     def _written(self, joint: Joint, servo: Any, address: int, content: bytes) -> None:
-        series = series_of(joint.model)
+        series = self._series[joint.servo_id]
         order = series.protocol.byte_order
         position = round(servo.firmware.position)
         places = _addresses(servo.memory, address, len(content))

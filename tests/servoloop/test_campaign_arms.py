@@ -5,7 +5,7 @@ from pathlib import Path
 from drivers.servos.catalog import registers_of
 from hal.types import OUTSIDE_TOLERANCE, JointLimits
 from servoloop.campaign.campaign import files_of, read_scenario, run_schedule_of, schedule_of
-from servoloop.campaign.draw_arm import draw_jam, draw_limits, draw_setting
+from servoloop.campaign.draws.arm import draw_jam, draw_limits, draw_setting
 from servoloop.simulation.acts import Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, read_schedule, schedule_text

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from controller.trajectory.goal import GoalHandle
 from hal.types import joints_of
-from servoloop.campaign.nonsense import line_of, nonsense
+from servoloop.campaign.socket_clients.nonsense import line_of, nonsense
 from servoloop.command_server.requests import STALE_S, StackRequests
 from servoloop.command_server.session import Session
 from servoloop.simulation.acts import (

@@ -11,8 +11,8 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
 from servoloop.api.freedrive import FREEDRIVE
+from servoloop.campaign.invariants.commands.wire_monitor import WireMonitor
 from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
-from servoloop.campaign.invariants.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
 
 ROUNDING: Final = 1e-9

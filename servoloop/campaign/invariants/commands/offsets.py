@@ -254,16 +254,19 @@ class _Weight:
             spread = Spread(stack.build.seed)
             self._model.body_mass /= [spread.factor(Quantity.MASS, body) for body in range(self._model.nbody)]
         self._data: Any = mujoco.MjData(self._model)
+        described = {name: self._model.joint(name) for name in stack.world.joints}
+        self._positions = {name: int(one.qposadr[0]) for name, one in described.items()}
+        self._velocities = {name: int(one.dofadr[0]) for name, one in described.items()}
 
     def torques(self, positions: Mapping[str, float]) -> Mapping[str, float]:
         """Return the torque or force that carries each joint's weight at these joint positions, in N m or N."""
         self._data.qpos[:] = self._world.data.qpos
         for name, position in positions.items():
-            if name in self._world.joints and math.isfinite(position):
-                self._data.qpos[self._model.joint(name).qposadr[0]] = position
+            if name in self._positions and math.isfinite(position):
+                self._data.qpos[self._positions[name]] = position
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_comVel(self._model, self._data)
         torques = np.zeros(self._model.nv)
         mujoco.mj_rne(self._model, self._data, 0, torques)
-        return {name: float(torques[self._model.joint(name).dofadr[0]]) for name in self._world.joints}
+        return {name: float(torques[place]) for name, place in self._velocities.items()}

@@ -2,8 +2,8 @@
 
 from servoloop.api.own_loop import describe
 from servoloop.api.stack_backend import StackBackend
-from servoloop.campaign.between_cycles import BetweenCycles
-from servoloop.campaign.socket_program import ServedPrograms, SocketProgram
+from servoloop.campaign.socket_clients.between_cycles import BetweenCycles
+from servoloop.campaign.socket_clients.program import ServedPrograms, SocketProgram
 from servoloop.command_server.requests import StackRequests
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.simulation.acts import SocketAct

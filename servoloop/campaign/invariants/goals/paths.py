@@ -10,7 +10,7 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointLimits, JointState
-from servoloop.campaign.invariants.goals import at_most_s
+from servoloop.campaign.invariants.goals.ends import at_most_s
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal

@@ -11,11 +11,11 @@ from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.activation import CHANGES, wrong_torque_limit
-from servoloop.campaign.invariants.invariant import Invariant, reports_error
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.lifecycle.activation import CHANGES, wrong_torque_limit
+from servoloop.campaign.invariants.motion.rest import CREEPS, PRESSES_SHARE
 from servoloop.campaign.invariants.reference import read_reference
-from servoloop.campaign.invariants.reports import LOSING
-from servoloop.campaign.invariants.rest import CREEPS, PRESSES_SHARE
+from servoloop.campaign.invariants.reports.servos import LOSING
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
@@ -82,7 +82,7 @@ class EndsAsChosen(Invariant):
         driven = self._driven - affected
         self.examined += len(driven)
         if not self.stack.control_stack.releases:
-            without_error = {joint.name for joint in self.joints if not reports_error(joint, self.servos[joint.name])}
+            without_error = {joint.name for joint in self.joints if not self.reports_error(joint)}
             self._report("released instead of held", (driven & without_error) - on)
             lost = (self._lost & without_error) - self._affected_at_the_end({"jammed", LOSING})
             self.examined += len(lost)

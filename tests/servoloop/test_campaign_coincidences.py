@@ -8,8 +8,8 @@ import pytest
 
 from drivers.servos import sts
 from servoloop.campaign.campaign import files_of, read_scenario, run_schedule_of, schedule_of
-from servoloop.campaign.draw_arm import NEWER_FIRMWARE
-from servoloop.campaign.draw_coincidences import DrawnRun, draw_coincidence
+from servoloop.campaign.draws.arm import NEWER_FIRMWARE
+from servoloop.campaign.draws.coincidences import DrawnRun, draw_coincidence
 from servoloop.simulation.acts import Move, Reactivate, SocketDeath
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, after_the_end

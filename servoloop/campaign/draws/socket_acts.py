@@ -4,7 +4,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any, Final
 
-from servoloop.campaign.nonsense import FAULTS
+from servoloop.campaign.socket_clients.nonsense import FAULTS
 from servoloop.simulation.acts import (
     Act,
     SocketDeath,

@@ -13,7 +13,7 @@ from drivers.servos.register import Register
 from drivers.servos.voltage import voltage_range
 from hal.joint import Joint
 from hal.types import FloatArray, JointState, ServoHealth
-from servoloop.campaign.invariants.invariant import Invariant, error_bits
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -64,6 +64,8 @@ CURRENT_UNITS_A: Final = {"xl330": 0.001, "xc330": 0.001, "xm430": 0.00269, "xm5
 """Units of the current registers of Dynamixel X families in A (e-manual), written independently of the drivers."""
 OFF_A: Final = 0.003
 """Allowed difference between a reported current and the servo's register, in A."""
+COMPARED_CYCLES: Final = 4
+"""Number of cycles between two comparisons of a servo's health."""
 LATE_S: Final = 1.0
 """Maximum time until a change in a servo's health is reported, in seconds."""
 
@@ -128,13 +130,18 @@ def _near(reported: float, true: FloatArray, factor: float) -> bool:
 
 class HealthIsTrue(Invariant):
     """Reported voltages, currents, temperatures and alarms agree with the servo's registers, and wrong voltages are
-    reported as faults. The current of a servo that measures its current is never unknown."""
+    reported as faults. The current of a servo that measures its current is never unknown.
+
+    These values change slowly, so they are compared in every fourth cycle only.
+    """
 
     name = "health is true"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None], arm: JointTrajectoryController) -> None:
         super().__init__(stack, say, arm)
-        self._off_s = defaultdict[tuple[str, str], float](float)
+        self._off_s: dict[tuple[str, str], float] = {}
+        """Time for which each quantity has been wrong, in seconds, keyed by joint name and quantity."""
+        self._cycles = 0
         self._voltage = {joint.name: _register(joint, VOLTAGES) for joint in self.joints}
         self._current = {joint.name: _current_of(joint) for joint in self.joints}
         reference = read_reference(stack.files)
@@ -142,18 +149,30 @@ class HealthIsTrue(Invariant):
         self._temperature = {joint.name: _register(joint, TEMPERATURES) for joint in self.joints}
 
     def on_state(self, state: JointState) -> None:
-        active, shared = self.active, self.sharing_id
-        for joint in self.joints:
-            health = state.health.get(joint.name)
-            if not active or joint.name in state.faults.keys() | shared or self.servos[joint.name].on_read:
-                health = None
-            self.examined += health is not None
-            found = {} if health is None else self._differences(joint, health)
-            for quantity in QUANTITIES:
-                key = joint.name, quantity
-                self._off_s[key] = self._off_s[key] + self.stack.loop.period_s if quantity in found else 0.0
-                if self._off_s[key] > LATE_S:
-                    self.say(f"the {quantity} of {joint.name} is reported as {found[quantity]}")
+        self._cycles += 1
+        known = self._known(state)
+        self._off_s = {key: off_s for key, off_s in self._off_s.items() if key[0] in known}
+        for joint in self.joints if self._cycles % COMPARED_CYCLES == 0 else ():
+            if joint.name in known:
+                self.examined += 1
+                self._compare(joint.name, self._differences(joint, known[joint.name]))
+
+    def _known(self, state: JointState) -> dict[str, ServoHealth]:
+        """Return the health of each joint without a fault whose servo alone has replied."""
+        if not self.active:
+            return {}
+        excused = state.faults.keys() | self.sharing_id
+        health = {name: one for name, one in state.health.items() if name not in excused}
+        return {name: one for name, one in health.items() if not self.servos[name].on_read}
+
+    def _compare(self, joint: str, found: dict[str, str]) -> None:
+        """Report the quantities that have been wrong for too long. ``found`` contains those that are wrong now."""
+        for quantity in QUANTITIES:
+            off_s = self._off_s.pop((joint, quantity), 0.0) + COMPARED_CYCLES * self.stack.loop.period_s
+            if quantity in found:
+                self._off_s[joint, quantity] = off_s
+                if off_s > LATE_S:
+                    self.say(f"the {quantity} of {joint} is reported as {found[quantity]}")
 
     def _differences(self, joint: Joint, health: ServoHealth) -> dict[str, str]:
         """Return the reported and the true value of each quantity for which they differ."""
@@ -173,7 +192,7 @@ class HealthIsTrue(Invariant):
             ampere = memory.get(register) * unit_a * self._sign[joint.name]
             if not abs(ampere - health.current_a) <= OFF_A:
                 found["current"] = f"{health.current_a:.3f} A, but the register is {ampere:.3f} A"
-        alarms = _alarms(error_bits(joint, self.servos[joint.name]))
+        alarms = _alarms(self.error_bits(joint))
         if alarms != set(health.alarms):
             reported, true = (", ".join(sorted(names)) or "none" for names in (health.alarms, alarms))
             found["alarms"] = f"{reported}, but the servo's alarms are: {true}"

@@ -13,7 +13,7 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.types import FloatArray, JointFault, JointState
-from servoloop.campaign.invariants.invariant import Invariant, reports_error
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.event import Event
@@ -73,7 +73,8 @@ class NamedAlone(Invariant):
         active = self.stack.player.active.values()
         silent = {name for event in active if self._silences(event) for name in touched_joints(event, self.joints)}
         silent -= self.sharing_id
-        working = {joint.name for joint in self.joints if self._works(joint)} - self.sharing_id
+        candidates = self.joints if active else [joint for joint in self.joints if joint.name in state.faults]
+        working = {joint.name for joint in candidates if self._works(joint)} - self.sharing_id
         self.examined += len(silent) + len(working) * bool(active)
         self._missing = Counter({joint: self._missing[joint] + 1 for joint in silent - state.faults.keys()})
         wrong = {name for name in state.faults.keys() & working if not self._is_lost_with_another(state.faults[name])}
@@ -104,7 +105,7 @@ class NamedAlone(Invariant):
         left it unchanged."""
         touches = self.stack.touches
         past = touches.kinds(joint.name) <= UNCHANGING and touches.since_s(joint.name) > TAKEN_BACK_S
-        return past and self.torque(joint) and not reports_error(joint, self.servos[joint.name])
+        return past and self.torque(joint) and not self.reports_error(joint)
 
 
 class TakenBack(Invariant):
@@ -137,7 +138,7 @@ class TakenBack(Invariant):
         """Return whether past faults have left the joint's servo unchanged, with its torque enabled and no alarm."""
         touches = self.stack.touches
         passing = touches.kinds(joint.name) <= PASSING | {"overload"} and touches.since_s(joint.name) > 0.0
-        return passing and self.torque(joint) and not reports_error(joint, self.servos[joint.name])
+        return passing and self.torque(joint) and not self.reports_error(joint)
 
 
 class MeasuredNow(Invariant):

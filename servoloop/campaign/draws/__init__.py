@@ -1,0 +1,1 @@
+"""Draws of arms, clients and faults from the seed of a run."""

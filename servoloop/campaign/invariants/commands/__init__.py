@@ -1,0 +1,1 @@
+"""Invariants on the commands of controllers and on the goals that servos receive."""

@@ -1,0 +1,1 @@
+"""Invariants on goals, streams and messages of clients."""

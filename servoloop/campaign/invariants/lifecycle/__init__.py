@@ -1,0 +1,1 @@
+"""Invariants on the activation of the hardware and on the end of the program."""

@@ -1,0 +1,1 @@
+"""Invariants on what the stack reports."""

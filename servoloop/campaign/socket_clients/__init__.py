@@ -1,0 +1,1 @@
+"""Simulated programs on the command socket."""
