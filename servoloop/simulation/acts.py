@@ -118,6 +118,14 @@ class Configure(_Act):
     """Whether to allow goals that contain only some of the joints."""
 
 
+class ScaleSpeed(_Act):
+    """Request a speed scaling factor from the arm controller, as ``~/speed_scaling_input`` does."""
+
+    kind: Literal["scale_speed"] = "scale_speed"
+    factor: HandShare = 1.0
+    """Fraction of a path's planned speed. A factor of 0 pauses the path."""
+
+
 class Reactivate(_Act):
     """Deactivate the hardware, and reactivate the hardware and the controllers after ``for_s``.
 
@@ -259,6 +267,7 @@ Act = Annotated[
     | Grip
     | Switch
     | Configure
+    | ScaleSpeed
     | Reactivate
     | Jog
     | GuideArm

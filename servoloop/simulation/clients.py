@@ -33,6 +33,7 @@ from servoloop.simulation.acts import (
     Move,
     MoveHand,
     Reactivate,
+    ScaleSpeed,
     SocketAct,
     Stream,
     Switch,
@@ -135,6 +136,8 @@ class SimulatedClients:
         self._streams: list[Iterator[None]] = []
         self.half_switched = False
         """Whether an impossible switch was carried out in part."""
+        self.speed_factor = 1.0
+        """Latest speed scaling factor that a client has requested."""
         self.newest = ""
         """Type of the latest action, or empty before the first action."""
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
@@ -172,6 +175,7 @@ class SimulatedClients:
             "grip": self._grip,
             "switch": self._switch,
             "configure": self._configure,
+            "scale_speed": self._scale_speed,
             "reactivate": self._reactivate,
             "jog": self._jog,
             "guide": self._guide,
@@ -302,6 +306,10 @@ class SimulatedClients:
             constraints[joint]["goal"] = act.goal_tolerance or constraints[joint]["goal"]
         client = ManagerClient(stack.loop, stack.control_stack.factory)
         client.change(name, TrajectoryParameters.model_validate(values))
+
+    def _scale_speed(self, act: ScaleSpeed) -> None:
+        self._arm.scaling.ask(act.factor)
+        self.speed_factor = act.factor
 
     def _activate(self, *names: str) -> None:
         loop = self._stack.loop

@@ -18,6 +18,7 @@ from servoloop.simulation.acts import (
     Move,
     MoveHand,
     Reactivate,
+    ScaleSpeed,
     SocketDeath,
     SocketMove,
     SocketRequest,
@@ -75,6 +76,10 @@ PARTIAL: Final = 0.4
 their parameters."""
 CONFIGURED: Final = 0.8
 """Fraction of the clients that change the parameters of the arm controller first."""
+SCALED: Final = 0.3
+"""Fraction of planned trajectories during which the client changes the speed scaling factor."""
+FACTORS: Final = (2.0, 1.0, 3.0)
+"""Relative frequencies of a speed scaling factor of 1, a factor of 0, and a factor between 0 and 1."""
 IMPOSSIBLE: Final = 0.3
 """Fraction of the controller switches that are impossible."""
 ENDS_EARLY: Final = 0.25
@@ -159,6 +164,9 @@ def _extend(
         soon_s = random.choice([0.0, random.uniform(0.0, HAND_MOVES_S)])
         at_s = min(acts[-1].at_s + soon_s, seconds)
         acts.append(Cancel(at_s=round(at_s, 3)))
+    if isinstance(acts[-1], FollowPlan) and random.random() < SCALED:
+        at_s = min(at_s + random.uniform(0.1, 1.0), seconds)
+        acts.append(_speed(random, round(at_s, 3)))
     if kind == "switches" and isinstance(acts[-1], Move) and random.random() < SWITCHED:
         at_s = min(acts[-1].at_s + random.uniform(0.2, 0.8) * acts[-1].seconds, seconds)
         acts.append(_handover(random, round(at_s, 3)))
@@ -252,11 +260,19 @@ def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -
 
 
 def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
-    if random.random() < 0.2:
+    draw = random.random()
+    if draw < 0.2:
         return Cancel(at_s=at_s)
+    if draw < 0.3:
+        return _speed(random, at_s)
     scale = random.choice([1.0, round(random.uniform(0.1, 1.0), 2)])
     mixed = random.random() < MIXED
     return FollowPlan(at_s=at_s, positions=_positions(random, joints), scale=scale, mixed=mixed)
+
+
+def _speed(random: Random, at_s: float) -> ScaleSpeed:
+    factor = random.choices([1.0, 0.0, round(random.uniform(0.05, 1.0), 2)], FACTORS)[0]
+    return ScaleSpeed(at_s=at_s, factor=factor)
 
 
 def _stream(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:

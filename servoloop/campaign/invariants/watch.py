@@ -23,6 +23,7 @@ from servoloop.campaign.invariants.goals.paths import (
 )
 from servoloop.campaign.invariants.goals.programs import ProgramsAreInformed, StreamsAreFollowed
 from servoloop.campaign.invariants.goals.results import AbortsAreTrue, DeviationEnds, FeedbackIsTrue, SuccessIsTrue
+from servoloop.campaign.invariants.goals.scaling import SpeedScalingIsFollowed
 from servoloop.campaign.invariants.goals.waiting import TrajectoriesWait
 from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.lifecycle.activation import ActivatedAsConfigured
@@ -58,6 +59,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     LimpIsFound,
     GoalsEnd,
     TrajectoriesWait,
+    SpeedScalingIsFollowed,
     ReplacedGoalsEnd,
     DeviationEnds,
     AbortsAreTrue,

@@ -23,6 +23,7 @@ from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.sampler import Tracking
+from controller.trajectory.speed_scaling import SpeedScaling
 from controller.trajectory.tolerances import Tolerances, resolve
 from controller.trajectory.waypoints import Waypoints
 from hal.types import FloatArray, JointState
@@ -162,3 +163,16 @@ def published_positions_are_always_within_the_limits(patch: pytest.MonkeyPatch) 
         return np.clip(position, broadcaster._lower, broadcaster._upper)
 
     patch.setattr(JointStateBroadcaster, "_at_limits", wrong)
+
+
+@detected_by("speed scaling is followed")
+def speed_scaling_is_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(SpeedScaling, "advance", lambda scaling, reference, step_s: None)
+
+
+@detected_by("smooth reference")
+def speeds_change_at_once(patch: pytest.MonkeyPatch) -> None:
+    def advance(scaling: SpeedScaling, reference: Kinematics, step_s: float) -> None:
+        scaling.factor = scaling.asked
+
+    patch.setattr(SpeedScaling, "advance", advance)

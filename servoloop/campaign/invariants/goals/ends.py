@@ -61,6 +61,8 @@ class GoalsEnd(Invariant):
         self._on_path_s: dict[int, float] = defaultdict(float)
         self._off_path_s: dict[int, float] = defaultdict(float)
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
+        self._scaled = False
+        """Whether a client has changed the speed scaling factor."""
         self._silent_cycles = 0
         """Number of cycles for which a stream has continued without new targets."""
         self._late_cycles = 0
@@ -104,11 +106,17 @@ class GoalsEnd(Invariant):
             return
         self._examine_end(logged, tracking)
         counts = self._on_path_s if tracking.on_goal else self._off_path_s
-        counts[key] += period_s
+        counts[key] += period_s * self._rate(tracking)
         ends_s = RELIEF_S if key in self._on_path_s else REST_S  # A goal that waits has no joints to relieve.
         due_s = self._due_s(logged, tracking) if tracking.on_goal else self._waits_s() + ends_s
         if counts[key] > due_s:
             self.say(f"a goal sent at {logged.sent_s:.2f} s did not end within {due_s:.1f} s")
+
+    def _rate(self, tracking: Tracking) -> float:
+        """Return the rate at which time passes on a path. It is 1 if no client has changed the speed scaling factor."""
+        clients = self.stack.clients
+        self._scaled = self._scaled or (clients is not None and clients.speed_factor != 1.0)
+        return tracking.rate if self._scaled and tracking.on_goal else 1.0
 
     def _examine_end(self, logged: LoggedGoal, tracking: Tracking) -> None:
         """Check that a goal whose joints stay outside the goal tolerance ends soon after its goal time tolerance."""
