@@ -151,3 +151,12 @@ def torque_limits_do_not_show_resets(patch: pytest.MonkeyPatch) -> None:
 
     limit_torque = Bus.limit_torque
     patch.setattr(Bus, "limit_torque", wrong)
+
+
+@detected_by("safe wire")
+def ranges_in_counts_are_rounded_outward(patch: pytest.MonkeyPatch) -> None:
+    def counts_range(joint: Joint) -> tuple[int, int]:
+        ends = joint.limits.lower / joint.units_per_count, joint.limits.upper / joint.units_per_count
+        return math.floor(min(ends)) + joint.zero_counts, math.ceil(max(ends)) + joint.zero_counts
+
+    patch.setattr(Joint, "counts_range", counts_range)

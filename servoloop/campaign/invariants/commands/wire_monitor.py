@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from math import inf, pi
+from math import ceil, floor, inf, pi
 from typing import Any, Final, NamedTuple, cast
 
 from drivers.protocol.v1 import BROADCAST_ID
@@ -18,6 +18,8 @@ from sim_backend.packets import sts as sts_wire
 from sim_backend.packets.dynamixel_groups import Span, bulk_entries, bulk_spans, sync_entries, sync_spans
 from sim_backend.packets.instructions import Instruction, Parser
 
+ROUNDING_COUNTS: Final = 1e-6
+"""Tolerance for rounding a limit that is a whole number of counts."""
 MEASURED_WITHIN_COUNTS: Final = 3
 """Tolerance for joints that sag between the measurement and the moment the torque is enabled, in counts."""
 MEASURED_S: Final = 0.1
@@ -76,6 +78,7 @@ class WireMonitor:
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
         self._series = {joint.servo_id: series_of(joint.model) for joint in joints}
+        self._ranges = {joint.servo_id: _range(joint) for joint in joints}
         self._positions = {joint.servo_id: _position_address(joint) for joint in joints}
         self._line = line
         self._period_s = period_s
@@ -141,7 +144,7 @@ class WireMonitor:
 
     def _goal(self, joint: Joint, goal: int, position: int, limp: bool) -> None:
         self.goals_seen += 1
-        lower, upper = joint.counts_range()
+        lower, upper = self._ranges[joint.servo_id]
         before = self._goals.get(joint.servo_id)
         taken_over = limp or joint.servo_id not in self._driven or self._activating()
         begins = taken_over and self._is_here(joint, goal, position)
@@ -252,6 +255,13 @@ def _value(register: Register, order: ByteOrder, places: Sequence[int], content:
     written = dict(zip(places, content, strict=False))
     own = [written.get(register.address + i) for i in range(register.size)]
     return None if None in own else register.decode(bytes(cast(list[int], own)), order)
+
+
+def _range(joint: Joint) -> tuple[int, int]:
+    """Return the lowest and the highest count within a joint's limits, independently of the driver's conversion."""
+    limits = joint.limits
+    ends = [joint.zero_counts + limit / joint.units_per_count for limit in (limits.lower, limits.upper)]
+    return ceil(min(ends) - ROUNDING_COUNTS), floor(max(ends) + ROUNDING_COUNTS)
 
 
 def _position_address(joint: Joint) -> int:
