@@ -160,3 +160,15 @@ def ranges_in_counts_are_rounded_outward(patch: pytest.MonkeyPatch) -> None:
         return math.floor(min(ends)) + joint.zero_counts, math.ceil(max(ends)) + joint.zero_counts
 
     patch.setattr(Joint, "counts_range", counts_range)
+
+
+@detected_by("offsets carry the weight")
+def joints_that_are_not_measured_lose_their_offset(patch: pytest.MonkeyPatch) -> None:
+    update = JointOffset.update
+
+    def wrong(offset: JointOffset, command: float, measured: float, *more: float) -> float:
+        found = update(offset, command, measured, *more)
+        offset.offset = 0.0 if math.isnan(measured) else found
+        return offset.offset
+
+    patch.setattr(JointOffset, "update", wrong)

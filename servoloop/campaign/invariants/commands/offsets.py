@@ -14,7 +14,7 @@ from controller.trajectory.joint_trajectory_controller import JointTrajectoryCon
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.api.freedrive import FREEDRIVE
-from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.invariant import UNREAD, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.line.spread import Quantity, Spread
@@ -48,6 +48,8 @@ GUIDED_SHARE: Final = 0.8
 """Largest offset of a joint that is guided by hand, as a fraction of its sag."""
 FORGETS_S: Final = 0.5
 """Time constant with which the correction of a joint decays while the arm is guided by hand, in seconds."""
+MISSED_CYCLES: Final = 3
+"""Maximum number of cycles without a reading of a joint in which its offset must not jump."""
 NEAR_COUNTS: Final = 20.0
 """Largest distance of a joint from its command at which the joint counts as free, in counts."""
 
@@ -69,8 +71,9 @@ class OffsetsCarryTheWeight(Invariant):
     while the command is constant, for example when other joints are activated again. Each goal is the count that is
     nearest to the command plus the offset that the stack has computed. After an activation, the offset grows slowly
     from zero, so that the arm does not jump. While the arm is guided by hand, the offset carries only a part of the
-    weight, so that the arm does not rise by itself. A joint with a fault, a joint that is far from its command and a
-    joint whose servo may report a wrong position are skipped.
+    weight, so that the arm does not rise by itself. If a servo cannot be read for a few cycles, the offset of its joint
+    does not jump. Otherwise, a joint with a fault, a joint that is far from its command and a joint whose servo may
+    report a wrong position are skipped.
     """
 
     name = "offsets carry the weight"
@@ -101,6 +104,9 @@ class OffsetsCarryTheWeight(Invariant):
         self._steady, self._free = Counter[str](), Counter[str]()
         """Number of cycles for which each command was constant, and number of cycles for which each joint was near its
         command, had no fault and was not stalled."""
+        self._unread_cycles, self._kept = Counter[str](), Counter[str]()
+        """Number of cycles for which each joint's servo could not be read, and for which each joint was free or missed
+        only a few readings."""
 
     def on_goals(self, bus: str, goals: Mapping[int, int]) -> None:
         for servo_id, counts in goals.items():
@@ -154,8 +160,9 @@ class OffsetsCarryTheWeight(Invariant):
         self._count(state)
         near = {name for name in self._goals.keys() & self._sagging if self._free[name]}
         free = {name for name in near if self._free[name] > STEADY_CYCLES}
+        kept = {name for name in jumps.keys() & self._sagging if self._kept[name] > STEADY_CYCLES}
         small = {name for name in near if self._steady[name] > 1 and (guided or self._fades_in(name))}
-        if not free and not small:
+        if not free and not small and not kept:
             self._recent_sags.clear()
             return
         sags = self._sags()
@@ -164,7 +171,7 @@ class OffsetsCarryTheWeight(Invariant):
             self._examine_size(name, [one[name] for one in self._recent_sags])
         if guided:
             return
-        for name in free & jumps.keys():
+        for name in kept:
             recent = [one[name] for one in self._recent_sags]
             if min(map(abs, recent)) > CARRIED * self._compliances[name].dead_band:
                 self._examine_jump(name, jumps[name], max(recent) - min(recent))
@@ -175,6 +182,7 @@ class OffsetsCarryTheWeight(Invariant):
     def _forget(self) -> None:
         self._steady.clear()
         self._free.clear()
+        self._kept.clear()
         self._recent_sags.clear()
 
     def _fades_in(self, name: str) -> bool:
@@ -227,9 +235,14 @@ class OffsetsCarryTheWeight(Invariant):
             now, before = float(loop.command[place]), float(loop.previous_command[place])
             self._steady[name] = self._steady[name] + 1 if abs(now - before) <= SAME else 0
             health, apart = state.health.get(name), abs(true[name] - now)
-            unknown = health is None or health.stall is not None or self.deceived(name)
-            near = apart <= NEAR_COUNTS * abs(joint.units_per_count)
-            self._free[name] = self._free[name] + 1 if near and not unknown and name not in state.faults else 0
+            unknown = health is None or health.stall is not None
+            near = apart <= NEAR_COUNTS * abs(joint.units_per_count) and not self.deceived(name)
+            free = near and not unknown and name not in state.faults
+            self._free[name] = self._free[name] + 1 if free else 0
+            unread = name in state.faults and state.faults[name].kind in UNREAD
+            self._unread_cycles[name] = self._unread_cycles[name] + 1 if unread else 0
+            missed = near and 0 < self._unread_cycles[name] <= MISSED_CYCLES
+            self._kept[name] = self._kept[name] + 1 if free or missed else 0
             if name in self._sagging:
                 self._errors[name] = apart
 
