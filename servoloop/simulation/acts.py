@@ -99,6 +99,8 @@ class Switch(_Act):
 
     kind: Literal["switch"] = "switch"
     for_s: Duration = 0.5
+    hand: bool = False
+    """Whether to deactivate the hand's controller instead of the arm controller."""
     impossible: bool = False
     """Whether to request, with STRICT, the activation of an unknown controller in the same switch. Such a request must
     not change anything."""

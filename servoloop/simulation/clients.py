@@ -281,7 +281,7 @@ class SimulatedClients:
             self._later(act.cancel_after_s, lambda: gripper.cancel(goal))
 
     def _switch(self, act: Switch) -> None:
-        name, loop = self._arm.name, self._stack.loop
+        name, loop = self._stack.hand.name if act.hand else self._arm.name, self._stack.loop
         if act.impossible:
             self._switch_impossible(name)
             return

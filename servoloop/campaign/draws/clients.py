@@ -22,6 +22,7 @@ from servoloop.simulation.acts import (
     SocketDeath,
     SocketMove,
     SocketRequest,
+    SocketStream,
     Stream,
     Switch,
 )
@@ -48,6 +49,8 @@ GUIDES_S: Final = 2.0
 """Maximum duration of an interrupted freedrive over the command socket, in seconds."""
 SETTLES_S: Final = 1.0
 """Time in which an uninterrupted motion would come to rest and succeed, in seconds."""
+STREAMED_AGAIN: Final = 0.5
+"""Fraction of the streams over the command socket that are followed by a stream to other joints."""
 INTERRUPTIONS: Final = ("death", "death", "stop", "stop", "cancel", "cancel", "release")
 """Ways in which the client program interrupts its motion."""
 DURING_HAND_MOTION: Final = 0.6
@@ -59,6 +62,8 @@ HAND_TURNS: Final = 0.4
 CANCELED_SOON: Final = 0.2
 """Fraction of goals for the arm that are canceled soon after they were sent. Half of these cancels follow at once, and
 half while the goal may still wait for the hand."""
+HAND_SWITCHED: Final = 0.5
+"""Fraction of the hand's motions during which the client ``switches`` deactivates the hand's controller."""
 SWITCHED: Final = 0.5
 """Fraction of motions during which the client ``switches`` deactivates the controller or the hardware."""
 OWN_TOLERANCES: Final = 0.3
@@ -157,6 +162,9 @@ def _extend(
     if isinstance(acts[-1], MoveHand) and random.random() < HAND_TURNS:
         at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
         acts.append(MoveHand(at_s=round(at_s, 3), share=round(random.random(), 3)))
+    if kind == "switches" and isinstance(acts[-1], MoveHand) and random.random() < HAND_SWITCHED:
+        at_s = min(at_s + random.uniform(0.1, HAND_MOVES_S), seconds)
+        acts.append(Switch(at_s=round(at_s, 3), for_s=round(random.uniform(0.05, 1.0), 2), hand=True))
     if isinstance(acts[-1], MoveHand) and random.random() < DURING_HAND_MOTION:
         at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
         acts.append(_arm_goal(random, joints, round(at_s, 3)))
@@ -170,6 +178,12 @@ def _extend(
     if kind == "switches" and isinstance(acts[-1], Move) and random.random() < SWITCHED:
         at_s = min(acts[-1].at_s + random.uniform(0.2, 0.8) * acts[-1].seconds, seconds)
         acts.append(_handover(random, round(at_s, 3)))
+    if isinstance(acts[-1], SocketStream) and random.random() < STREAMED_AGAIN:
+        first = acts[-1]
+        at_s = min(first.at_s + first.for_s + random.uniform(0.0, HAND_MOVES_S), seconds)
+        others = {name: limit for name, limit in joints.items() if name not in first.positions}
+        positions = _positions(random, others or joints)
+        acts.append(first.model_copy(update={"at_s": round(at_s, 3), "positions": positions, "leaps": False}))
     if isinstance(acts[-1], SocketMove) and random.random() < INTERRUPTED:
         moved, begun_s = acts[-1], at_s
         at_s = min(at_s + random.uniform(0.1, 0.7) * moved.seconds, seconds)

@@ -29,6 +29,7 @@ from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.lifecycle.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.lifecycle.end import EndsAsChosen
 from servoloop.campaign.invariants.lifecycle.resumption import ControllersResume
+from servoloop.campaign.invariants.motion.guided import GuidedJointsYield
 from servoloop.campaign.invariants.motion.presses import LongPressesAreReduced
 from servoloop.campaign.invariants.motion.rest import NothingPresses, NothingTravels
 from servoloop.campaign.invariants.motion.smoothness import NanHolds, SmoothEnd, SmoothReference
@@ -74,6 +75,7 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     NothingTravels,
     NothingPresses,
     LongPressesAreReduced,
+    GuidedJointsYield,
     SmoothReference,
     SmoothEnd,
     NanHolds,

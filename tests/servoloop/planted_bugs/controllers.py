@@ -15,6 +15,7 @@ from controller.manager import manager
 from controller.manager.switch import Strictness, SwitchPlan, SwitchRequest, plan_switch
 from controller.manager_errors import SwitchError
 from controller.motion import Kinematics
+from controller.teach.freedrive_controller import FreedriveController
 from controller.trajectory import execution, goal_planner, joint_trajectory_controller
 from controller.trajectory.active_goal import ActiveGoal, Cycle
 from controller.trajectory.execution import GoalExecution
@@ -27,6 +28,7 @@ from controller.trajectory.speed_scaling import SpeedScaling
 from controller.trajectory.tolerances import Tolerances, resolve
 from controller.trajectory.waypoints import Waypoints
 from hal.types import FloatArray, JointState
+from servoloop.command_server.motions import Motions
 from tests.servoloop.planted_bugs.registry import detected_by
 
 
@@ -176,3 +178,41 @@ def speeds_change_at_once(patch: pytest.MonkeyPatch) -> None:
         scaling.factor = scaling.asked
 
     patch.setattr(SpeedScaling, "advance", advance)
+
+
+@detected_by("guided joints yield")
+def the_arm_stays_stiff_after_its_first_freedrive(patch: pytest.MonkeyPatch) -> None:
+    activate = FreedriveController.activate
+
+    def wrong(controller: FreedriveController, state: JointState, command: FloatArray) -> None:
+        held = controller.held
+        activate(controller, state, command)
+        controller.held = held
+
+    patch.setattr(FreedriveController, "activate", wrong)
+
+
+@detected_by("cancels are followed")
+def set_points_of_programs_that_have_died_continue(patch: pytest.MonkeyPatch) -> None:
+    halt = Motions.halt
+
+    def wrong(motions: Motions, client: object) -> None:
+        if client in motions._clients:
+            motions._clients[client].set_points.clear()
+        halt(motions, client)
+
+    patch.setattr(Motions, "halt", wrong)
+
+
+@detected_by("trajectories wait")
+def streams_wait_for_the_hand(patch: pytest.MonkeyPatch) -> None:
+    take_goals = GoalExecution._take_goals
+
+    def wrong(execution: GoalExecution, now: Cycle) -> None:
+        ready = not execution._inbox or not now.parameters.wait_for or execution._ready(now)
+        take_goals(execution, now)
+        if not ready and execution.active is not None and execution.active.handle.goal.from_topic:
+            execution.active.begun = False
+            execution._sampler.stop(now.reference, now.parameters, along=True)
+
+    patch.setattr(GoalExecution, "_take_goals", wrong)

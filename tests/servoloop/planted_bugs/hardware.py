@@ -12,12 +12,16 @@ from drivers.bus.bus import Bus
 from drivers.bus.known_servos import KnownServos
 from drivers.driver_errors import ServoError
 from drivers.servos.series import Series
+from drivers.types import ServoState
 from hal.compensation.joint_offset import JointOffset
 from hal.joint import Joint
 from hal.leaps import Plausibility
 from hal.servos import gravity_compensation
 from hal.servos.gravity_compensation import GravityCompensation
+from hal.servos.servo_faults import ServoFaults
+from hal.servos.servo_states import ServoStates
 from hal.servos.soft_torque import SoftTorque
+from hal.types import ServoHealth
 from tests.servoloop.planted_bugs.registry import detected_by
 
 
@@ -172,3 +176,25 @@ def joints_that_are_not_measured_lose_their_offset(patch: pytest.MonkeyPatch) ->
         return offset.offset
 
     patch.setattr(JointOffset, "update", wrong)
+
+
+@detected_by("limp joints are found")
+def hot_servos_are_driven_again(patch: pytest.MonkeyPatch) -> None:
+    forget = ServoFaults.forget
+
+    def wrong(faults: ServoFaults) -> None:
+        released = dict(faults._released)
+        forget(faults)
+        faults._released.update(released)
+
+    patch.setattr(ServoFaults, "forget", wrong)
+
+
+@detected_by("health is true")
+def loads_have_the_sign_of_the_servo(patch: pytest.MonkeyPatch) -> None:
+    measure = ServoStates._measure
+
+    def wrong(states: ServoStates, joint: Joint, reading: ServoState, *more: Any) -> ServoHealth:
+        return measure(states, joint, reading, *more)._replace(load=reading.load)
+
+    patch.setattr(ServoStates, "_measure", wrong)

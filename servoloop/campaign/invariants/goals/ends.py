@@ -29,6 +29,8 @@ FAULT_STOPS_S: Final = 0.35
 """Maximum time for which a goal with an unmeasured joint continues on its path, in seconds, plus two cycles."""
 GUIDED_CYCLES: Final = 4
 """Maximum number of cycles until freedrive ends after its program has lost control of the arm."""
+BRAKES_S: Final = 0.2
+"""Maximum time until a canceled goal leaves its path, in seconds."""
 RELIEF_S: Final = 6.0
 """Maximum time until a goal that is being stopped ends, in seconds, even if its joints are blocked and must be
 relieved."""
@@ -201,6 +203,11 @@ class CancelsAreFollowed(Invariant):
             joint = self.arm.joints[int(np.flatnonzero(moving)[0])]
             self.say(f"a goal canceled at {logged.cancel_s:.2f} s has ended, but {joint} still moves")
 
+    def _continues(self, logged: LoggedGoal) -> bool:
+        """Return whether the arm is still on the path of a goal."""
+        arm = next((one for one in self.stack.arms if one.name == logged.controller), None)
+        return arm is not None and arm.tracking is not None and arm.tracking.on_goal
+
     def _examine(self, logged: LoggedGoal, faulty: bool) -> None:
         assert logged.cancel_s is not None
         self.examined += 1
@@ -210,7 +217,11 @@ class CancelsAreFollowed(Invariant):
                 self.say(f"a goal canceled at {logged.cancel_s:.2f} s continued and succeeded")
             elif logged.handle.status is GoalStatus.CANCELED and not faulty:
                 self._require_rest(logged)
-        elif self.stack.clock.now() - logged.cancel_s > RELIEF_S:
+            return
+        canceled_s = self.stack.clock.now() - logged.cancel_s
+        if canceled_s > BRAKES_S and not faulty and logged is self.newest_goal and self._continues(logged):
+            self.say(f"a goal canceled at {logged.cancel_s:.2f} s continues on its path")
+        if canceled_s > RELIEF_S:
             self._done.add(id(logged))
             self.say(f"a goal canceled at {logged.cancel_s:.2f} s did not end within {RELIEF_S:g} s")
 

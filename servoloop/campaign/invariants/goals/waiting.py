@@ -3,11 +3,14 @@
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.sampler import Tracking
 from hal.types import JointState
 from servoloop.campaign.invariants.invariant import UNREAD, Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.goal_log import LoggedGoal
 
 UNMEASURED_CYCLES: Final = 2
 """Number of cycles without measurements after which a trajectory must wait."""
@@ -18,6 +21,12 @@ STILL_S: Final = 0.1
 """Minimum time at rest for a joint to count as stalled, in seconds."""
 LONGEST_STEP: Final = 2.0
 """Maximum time by which a trajectory advances in a late cycle, in periods."""
+AWAY: Final = 0.1
+"""Following error of a joint at which a tolerance may end each trajectory from the topic at once, in rad or m."""
+RECOVERED_S: Final = 0.2
+"""Time after a fault of a joint in which its errors may be large, in seconds."""
+TOPIC_CYCLES: Final = 5
+"""Maximum number of cycles until a trajectory from the topic begins."""
 ROUNDING: Final = 1e-6
 """Rounding error of the time by which a trajectory advances, in periods."""
 TRAVELS_SHARE: Final = 0.1
@@ -31,7 +40,7 @@ class TrajectoriesWait(Invariant):
     In a late cycle, a trajectory advances by at most two periods.
 
     A goal also waits for the controllers in ``wait_for``: their joints have arrived, or no longer move, when it begins.
-    It does not wait longer than ``wait_for_timeout``.
+    It does not wait longer than ``wait_for_timeout``. Trajectories from the topic do not wait.
     """
 
     name = "trajectories wait"
@@ -42,6 +51,10 @@ class TrajectoriesWait(Invariant):
         self._cycles = 0
         """Number of consecutive cycles in which no joint of the arm was measured."""
         self._before: Tracking | None = None
+        self._begun_goal: LoggedGoal | None = None
+        """The latest goal that has begun, or that has already ended in the cycle in which it began."""
+        self._topic_cycles = 0
+        """Number of consecutive cycles in which no trajectory from the topic has begun."""
         self._begun = 0
         """Number of the arm's goals that had begun by the last cycle."""
         self._true = self.true_positions()
@@ -52,6 +65,7 @@ class TrajectoriesWait(Invariant):
     def on_state(self, state: JointState) -> None:
         tracking = self.arm.tracking
         self._examine_measured(state, tracking)
+        self._examine_topic(state, tracking)
         if not self.arm.parameters.wait_for:
             return
         self._note_values(state.stamp_s)
@@ -73,6 +87,21 @@ class TrajectoriesWait(Invariant):
                 self.say(f"the trajectory goes on at {now.elapsed_s:.2f} s although no joint is measured")
         elif advanced_s > (LONGEST_STEP + ROUNDING) * self.stack.loop.period_s and now.rate > 0.0:
             self.say(f"the trajectory advances by {advanced_s:.3f} s in one cycle")
+
+    def _examine_topic(self, state: JointState, tracking: Tracking | None) -> None:
+        """Check that trajectories from the topic begin at once, even while other controllers move."""
+        goal, running = self.newest_goal, self.stack.manager.registry.loaded[self.arm.name].active
+        away = tracking is not None and not np.abs(tracking.error).max() < AWAY
+        touched = any(self.stack.touches.since_s(joint) < RECOVERED_S for joint in self.arm.joints)
+        if tracking is None or tracking.on_goal or away or touched:
+            self._begun_goal = goal  # The goal has begun, or its tolerances may have ended it in its first cycle.
+        excused = not (running and self.active) or not state.faults.keys().isdisjoint(self.arm.joints) or self.upset
+        if excused or goal is None or goal is self._begun_goal or goal.handle.done or not goal.goal.from_topic:
+            self._topic_cycles = 0
+            return
+        self._topic_cycles += 1
+        if self._topic_cycles > TOPIC_CYCLES:
+            self.say(f"{self.arm.name} does not follow its topic")
 
     def _note_values(self, now_s: float) -> None:
         """Note the values of the other controllers, and whether their joints are still moving to them."""

@@ -38,7 +38,7 @@ STEADY: Final = 1.5
 """Maximum ratio between the true values in the latest cycles at which the reported magnitude is checked."""
 WRONG_CYCLES: Final = 2
 """Maximum number of consecutive cycles in which a value may be wrong because it changed within a cycle."""
-QUANTITIES: Final = ("voltage", "supply", "current", "temperature", "alarms")
+QUANTITIES: Final = ("voltage", "supply", "load", "current", "temperature", "alarms")
 """Parts of a servo's health that are compared with its registers."""
 VOLTAGES: Final = ("present_voltage", "present_input_voltage")
 TEMPERATURES: Final = ("present_temperature",)
@@ -142,6 +142,7 @@ class HealthIsTrue(Invariant):
         self._off_s: dict[tuple[str, str], float] = {}
         """Time for which each quantity has been wrong, in seconds, keyed by joint name and quantity."""
         self._cycles = 0
+        self._efforts = {name: place for place, name in enumerate(stack.loop.hardware.joints)}
         self._voltage = {joint.name: _register(joint, VOLTAGES) for joint in self.joints}
         self._current = {joint.name: _current_of(joint) for joint in self.joints}
         reference = read_reference(stack.files)
@@ -155,7 +156,8 @@ class HealthIsTrue(Invariant):
         for joint in self.joints if self._cycles % COMPARED_CYCLES == 0 else ():
             if joint.name in known:
                 self.examined += 1
-                self._compare(joint.name, self._differences(joint, known[joint.name]))
+                effort = state.effort[self._efforts[joint.name]]
+                self._compare(joint.name, self._differences(joint, known[joint.name], effort))
 
     def _known(self, state: JointState) -> dict[str, ServoHealth]:
         """Return the health of each joint without a fault whose servo alone has replied."""
@@ -174,9 +176,14 @@ class HealthIsTrue(Invariant):
                 if off_s > LATE_S:
                     self.say(f"the {quantity} of {joint} is reported as {found[quantity]}")
 
-    def _differences(self, joint: Joint, health: ServoHealth) -> dict[str, str]:
-        """Return the reported and the true value of each quantity for which they differ."""
+    def _differences(self, joint: Joint, health: ServoHealth, effort: float) -> dict[str, str]:
+        """Return the reported and the true value of each quantity for which they differ.
+
+        The load must have the same sign as the reported ``effort``, which "motion is true" examines.
+        """
         memory, found = self.servos[joint.name].memory, {}
+        if health.load * effort < 0.0:
+            found["load"] = f"{health.load:+.3f}, but the effort is {effort:+.3f}"
         voltage, temperature = self._voltage[joint.name], self._temperature[joint.name]
         if voltage is not None and abs((true := VOLTS * memory.get(voltage)) - health.voltage_v) > OFF_V:
             found["voltage"] = f"{health.voltage_v:.1f} V, but the register is {true:.1f} V"
@@ -192,14 +199,14 @@ class HealthIsTrue(Invariant):
             ampere = memory.get(register) * unit_a * self._sign[joint.name]
             if not abs(ampere - health.current_a) <= OFF_A:
                 found["current"] = f"{health.current_a:.3f} A, but the register is {ampere:.3f} A"
-        alarms = _alarms(self.error_bits(joint))
+        alarms = alarm_names(self.error_bits(joint))
         if alarms != set(health.alarms):
             reported, true = (", ".join(sorted(names)) or "none" for names in (health.alarms, alarms))
             found["alarms"] = f"{reported}, but the servo's alarms are: {true}"
         return found
 
 
-def _alarms(registers: Iterable[tuple[str, int]]) -> set[str]:
+def alarm_names(registers: Iterable[tuple[str, int]]) -> set[str]:
     """Return the names of the alarms in error registers, given as pairs of a register name and a value."""
     return {name for register, bits in registers for bit, name in ALARMS[register].items() if bits >> bit & 1}
 

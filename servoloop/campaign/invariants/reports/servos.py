@@ -14,6 +14,7 @@ from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.types import FloatArray, JointFault, JointState
 from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reports.sensors import alarm_names
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.event import Event
@@ -209,7 +210,8 @@ class LimpIsFound(Invariant):
     """A servo that is limp or has been reset is detected within half a second.
 
     The next goal would enable the torque of a limp servo. If a goal has already enabled the torque of a reset servo,
-    the servo drives with its own maximum torque instead of the limit from the robot file.
+    the servo drives with its own maximum torque instead of the limit from the robot file. A servo with a temperature
+    alarm releases its torque and must not be driven again.
     """
 
     name = "limp joints are found"
@@ -221,9 +223,8 @@ class LimpIsFound(Invariant):
 
     def on_state(self, state: JointState) -> None:
         since_s, self._since_s = self._since_s, {}
-        for joint in self.joints:
-            known = not self.active or joint.name in state.faults or self.stack.touches.since_s(joint.name) <= 0.0
-            how = "" if known else self._unfit(joint)
+        for joint in self.joints if self.active else ():
+            how = "" if joint.name in state.faults else self._unfit(joint)
             if not how:
                 continue
             self.examined += 1
@@ -234,7 +235,14 @@ class LimpIsFound(Invariant):
                 self.say(f"{joint.name} has been {how} for {unfit_s:.2f} s but is not reported")
 
     def _unfit(self, joint: Joint) -> str:
-        """Return "limp" or "reset", or an empty string if the servo drives its motor with a limit of the stack."""
+        """Return "too hot", "limp" or "reset", or an empty string if the servo drives its motor as configured.
+
+        A limp or reset servo is not examined while a fault affects it. A servo that is too hot is always reported.
+        """
+        if "temperature" in alarm_names(self.error_bits(joint)):
+            return "too hot"
+        if self.stack.touches.since_s(joint.name) <= 0.0:
+            return ""
         if not self.torque(joint):
             return "limp"
         series, memory = series_of(joint.model), self.servos[joint.name].memory
