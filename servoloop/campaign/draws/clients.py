@@ -79,6 +79,8 @@ MIXED: Final = 0.5
 PARTIAL: Final = 0.4
 """Fraction of goals that contain only some joints. Most controllers reject such a goal, unless a client has changed
 their parameters."""
+PARTLY_REPLACED: Final = 0.3
+"""Fraction of goals that are replaced during the motion by a goal for one joint."""
 CONFIGURED: Final = 0.8
 """Fraction of the clients that change the parameters of the arm controller first."""
 SCALED: Final = 0.3
@@ -168,6 +170,10 @@ def _extend(
     if isinstance(acts[-1], MoveHand) and random.random() < DURING_HAND_MOTION:
         at_s = min(at_s + random.uniform(0.0, HAND_MOVES_S), seconds)
         acts.append(_arm_goal(random, joints, round(at_s, 3)))
+    if kind in CONFIGURING and isinstance(acts[-1], Move) and random.random() < PARTLY_REPLACED:
+        at_s = min(acts[-1].at_s + random.uniform(0.2, 0.8) * acts[-1].seconds, seconds)
+        positions = _positions(random, {name: joints[name] for name in random.sample(list(joints), 1)})
+        acts.append(Move(at_s=round(at_s, 3), positions=positions, seconds=acts[-1].seconds, partial=True))
     if isinstance(acts[-1], Move | FollowWaypoints) and random.random() < CANCELED_SOON:
         soon_s = random.choice([0.0, random.uniform(0.0, HAND_MOVES_S)])
         at_s = min(acts[-1].at_s + soon_s, seconds)

@@ -9,6 +9,7 @@ import pytest
 
 from controller import diagnostics
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
+from controller.forward.approach import Approach
 from controller.gripper.goal import GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.manager import manager
@@ -20,6 +21,7 @@ from controller.trajectory import execution, goal_planner, joint_trajectory_cont
 from controller.trajectory.active_goal import ActiveGoal, Cycle
 from controller.trajectory.execution import GoalExecution
 from controller.trajectory.goal import TrajectoryGoal
+from controller.trajectory.goal_planner import GoalPlanner
 from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
@@ -28,6 +30,7 @@ from controller.trajectory.speed_scaling import SpeedScaling
 from controller.trajectory.tolerances import Tolerances, resolve
 from controller.trajectory.waypoints import Waypoints
 from hal.types import FloatArray, JointState
+from servoloop.api.stream_gate import StreamGate
 from servoloop.command_server.motions import Motions
 from tests.servoloop.planted_bugs.registry import detected_by
 
@@ -216,3 +219,32 @@ def streams_wait_for_the_hand(patch: pytest.MonkeyPatch) -> None:
             execution._sampler.stop(now.reference, now.parameters, along=True)
 
     patch.setattr(GoalExecution, "_take_goals", wrong)
+
+
+@detected_by("path is as sent")
+def moving_joints_that_a_goal_omits_turn_back(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GoalPlanner, "rest", lambda planner, reference: reference.position)
+
+
+@detected_by("streams are followed")
+def streams_begin_with_the_targets_of_the_last_stream(patch: pytest.MonkeyPatch) -> None:
+    begin = StreamGate._begin
+
+    def wrong(gate: StreamGate, *more: Any) -> None:
+        last = dict(gate._targets)
+        begin(gate, *more)
+        gate._targets = gate._targets | last
+
+    patch.setattr(StreamGate, "_begin", wrong)
+
+
+@detected_by("streams are followed", "safe commands", "forwarded values are followed")
+def forward_controllers_start_with_their_last_velocity(patch: pytest.MonkeyPatch) -> None:
+    begin = Approach.begin
+
+    def wrong(approach: Approach, command: FloatArray) -> None:
+        velocity = approach._velocity
+        begin(approach, command)
+        approach._velocity = velocity
+
+    patch.setattr(Approach, "begin", wrong)

@@ -26,6 +26,8 @@ EARLY_CYCLES: Final = 2.0
 """Number of cycles by which a goal may end before its last point's time, because its start is rounded to a cycle."""
 ENDS_EARLY_CYCLES: Final = 4
 """Number of cycles by which a reference may reach the last point early, because a path slows down before its end."""
+TURNS: Final = 0.02
+"""Minimum speed of a joint that moves or turns back, as a fraction of its velocity limit."""
 STANDS: Final = 0.01
 """Maximum speed of a reference at rest, in rad/s or m/s."""
 GAINS_S: Final = 0.1
@@ -59,6 +61,8 @@ class _Path:
     """Reference speeds (n,) just before the path began."""
     references: list[FloatArray] = field(default_factory=list)
     """Reference positions (n,) in each cycle."""
+    begun_with: FloatArray | None = None
+    """Reference velocities (n,) in the cycle in which the path began."""
     followed: int = 0
     """Number of cycles before the arm left the path."""
 
@@ -92,6 +96,8 @@ class PathIsAsSent(Invariant):
                     path = self._paths.setdefault(id(logged), begun)
                     path.references.append(tracking.reference.position)
                     path.followed += tracking.on_goal and path.followed + 1 == len(path.references)
+                    if path.followed == len(path.references) and logged is self.newest_goal:
+                        self._examine_omitted(logged, path, tracking.reference.velocity)
                     if tracking.on_goal and len(path.references) == BEGUN_CYCLES and logged is self.newest_goal:
                         self._examine_duration(logged, path, tracking.path.duration_s)
                     self._examine_end(logged, path.references)
@@ -111,6 +117,18 @@ class PathIsAsSent(Invariant):
             self.say(f"a goal sent at {logged.sent_s:.2f} s succeeded, but its path never began")
             return
         self._examine(logged, np.array(path.references), path.begun_s)
+
+    def _examine_omitted(self, logged: LoggedGoal, path: _Path, velocity: FloatArray) -> None:
+        """Check that joints that the goal omits come to rest without turning back."""
+        if path.begun_with is None:
+            path.begun_with = velocity
+        for place, joint in enumerate(self.arm.joints):
+            moves = TURNS * self._limits[joint].velocity
+            if joint in logged.goal.joints or abs(before := float(path.begun_with[place])) < moves:
+                continue
+            self.examined += 1
+            if velocity[place] * before < 0.0 and abs(velocity[place]) > moves:
+                self.say(f"{joint} turns back to {velocity[place]:+.3f} rad/s, although the goal omits it")
 
     def _examine_end(self, logged: LoggedGoal, path: list[FloatArray]) -> None:
         """Check that an unfinished goal with one point does not come to rest at this point before the scheduled

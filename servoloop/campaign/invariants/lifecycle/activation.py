@@ -88,7 +88,7 @@ class ActivatedAsConfigured(Invariant):
         self._was_active = self._ever_active = False
         self._released: set[str] = set()
         self._held: set[str] = set()
-        """Joints that were driven in the previous cycle."""
+        """Joints that have been driven since before a component began to change its state."""
         self._guided_cycles = self._stiff_cycles = 0
         """Numbers of consecutive cycles in which the arm could, or could not, be guided by hand."""
         self._softened = False
@@ -98,7 +98,9 @@ class ActivatedAsConfigured(Invariant):
         self._examine_softness(state)
         self._examine_reductions()
         self._examine_requests()
-        self._held = {joint.name for joint in self.joints if self.torque(joint)}
+        driven = {joint.name for joint in self.joints if self.torque(joint)}
+        switching = any(component.switching for component in self.stack.loop.hardware.components)
+        self._held = self._held & driven if switching else driven
         begins, self._was_active = self.active and not self._was_active, self.active
         self._ever_active = self._ever_active or begins
         released, self._released = self._released, self.released(state)
