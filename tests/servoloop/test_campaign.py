@@ -133,6 +133,7 @@ def test_each_seed_draws_an_arm_a_client_and_an_exit_policy() -> None:
         "move",
         "waypoints",
         "plan",
+        "scale_speed",
         "cancel",
         "hand",
     }

@@ -96,7 +96,8 @@ class TrajectoriesWait(Invariant):
         if tracking is None or tracking.on_goal or away or touched:
             self._begun_goal = goal  # The goal has begun, or its tolerances may have ended it in its first cycle.
         excused = not (running and self.active) or not state.faults.keys().isdisjoint(self.arm.joints) or self.upset
-        if excused or goal is None or goal is self._begun_goal or goal.handle.done or not goal.goal.from_topic:
+        excused = excused or goal is None or goal is self._begun_goal or goal.handle.done or goal.cancel_s is not None
+        if excused or goal is None or not goal.goal.from_topic:
             self._topic_cycles = 0
             return
         self._topic_cycles += 1
