@@ -72,7 +72,8 @@ class TruncatedReplies(_OnTheWire):
     kind: Literal["truncated_replies"] = "truncated_replies"
 
     def spoil(self, random: Random, packet: bytes) -> bytes:
-        return packet[: random.randrange(1, len(packet))]
+        # Another fault may already have truncated the reply to one byte.
+        return packet[: random.randrange(1, len(packet))] if len(packet) > 1 else packet
 
 
 class FlippedReplies(_OnTheWire):
