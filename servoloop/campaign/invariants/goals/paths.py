@@ -126,7 +126,6 @@ class PathIsAsSent(Invariant):
             moves = TURNS * self._limits[joint].velocity
             if joint in logged.goal.joints or abs(before := float(path.begun_with[place])) < moves:
                 continue
-            self.examined += 1
             if velocity[place] * before < 0.0 and abs(velocity[place]) > moves:
                 self.say(f"{joint} turns back to {velocity[place]:+.3f} rad/s, although the goal omits it")
 

@@ -10,8 +10,8 @@ from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 SLOWEST: Final = 0.04
-"""Minimum rate at which the factor approaches the requested factor, as a fraction of acceleration limit / velocity
-limit."""
+"""Minimum rate at which the factor approaches the requested factor, as a fraction of the acceleration limit
+divided by the velocity limit."""
 ROUNDING: Final = 1e-6
 """Tolerance for rounding, in periods or as a factor."""
 RECOVERED_S: Final = 1.0

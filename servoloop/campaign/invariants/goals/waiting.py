@@ -95,9 +95,10 @@ class TrajectoriesWait(Invariant):
         touched = any(self.stack.touches.since_s(joint) < RECOVERED_S for joint in self.arm.joints)
         if tracking is None or tracking.on_goal or away or touched:
             self._begun_goal = goal  # The goal has begun, or its tolerances may have ended it in its first cycle.
-        excused = not (running and self.active) or not state.faults.keys().isdisjoint(self.arm.joints) or self.upset
-        excused = excused or goal is None or goal is self._begun_goal or goal.handle.done or goal.cancel_s is not None
-        if excused or goal is None or not goal.goal.from_topic:
+        begins_later = goal is not None and goal is not self._begun_goal and goal.goal.from_topic
+        runs = goal is not None and not goal.handle.done and goal.cancel_s is None
+        faulty = self.upset or not state.faults.keys().isdisjoint(self.arm.joints)
+        if not (begins_later and runs) or faulty or not (running and self.active):
             self._topic_cycles = 0
             return
         self._topic_cycles += 1

@@ -21,11 +21,11 @@ NEAR: Final = 0.02
 LAG_S: Final = 0.15
 """Distance allowed between a moving joint and its command, as a multiple of the joint's velocity, in seconds."""
 HELD_CYCLES: Final = 10
-"""Number of cycles for which a joint may be further away, for example while the arm ends to be guided."""
+"""Number of cycles for which a joint may be further away, for example while freedrive ends."""
 
 
 class GuidedJointsYield(Invariant):
-    """While the arm is guided by hand, the command of each joint stays close to the joint, wherever the hand moves it.
+    """While the arm is guided by hand, the command of each joint stays close to the position of the joint.
 
     A joint outside its limits and a joint with a fault are skipped.
     """
