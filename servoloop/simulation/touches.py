@@ -23,6 +23,7 @@ class Touches:
         self._updated_s = -math.inf
         self._last_s = defaultdict[str, dict[str, float]](dict)
         """Time at which each type of fault last affected each joint, keyed by joint name and fault type."""
+        self._events = defaultdict[str, list[Event]](list)
 
     def update(self) -> None:
         """Record the faults that were active since the last call."""
@@ -31,6 +32,9 @@ class Touches:
             return
         recent = happened[self._seen :]
         self._seen, self._updated_s = len(happened), now_s
+        for event in recent:
+            for joint in touched_joints(event, self._joints):
+                self._events[joint].append(event)
         if not recent and not self._player.active:
             return
         for event in (*self._player.active.values(), *recent):
@@ -47,6 +51,11 @@ class Touches:
         last_s = self._last_s[joint]
         times = last_s.values() if kinds is None else [last_s[kind] for kind in kinds if kind in last_s]
         return self._clock.now() - max(times, default=-math.inf)
+
+    def events(self, joint: str) -> Sequence[Event]:
+        """Return the faults that have affected a joint so far. A fault that has ended is listed twice."""
+        self.update()
+        return self._events[joint]
 
     def kinds(self, joint: str) -> set[str]:
         """Return the types of faults that have affected a joint so far."""

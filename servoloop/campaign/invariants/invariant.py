@@ -15,7 +15,6 @@ from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
-from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.event import Event
 from sim_backend.faults.false_replies import FalsePosition, FalseValue
 from sim_backend.faults.settings import WrongSetting
@@ -171,12 +170,7 @@ class Invariant:
 
     def deceived(self, joint: str) -> bool:
         """Return whether the joint's servo may report a wrong position, or move differently, because of a fault."""
-        return bool(self._deceptions(joint))
-
-    def _deceptions(self, joint: str) -> list[Event]:
-        """Return the faults because of which the joint's servo may report a wrong position or move differently."""
-        events = (*self.stack.player.active.values(), *self.stack.player.happened)
-        return [one for one in events if _deceives(one) and joint in touched_joints(one, self.joints)]
+        return any(_deceives(one) for one in self.stack.touches.events(joint))
 
     def never_confirmed(self, joint: str, leap_counts: float) -> bool:
         """Return whether two readings of a joint can never agree on a false position.
@@ -189,7 +183,8 @@ class Invariant:
             isinstance(one, FalsePosition)
             and (one.every > 1 or one.replies == 1)
             and abs(math.remainder(one.counts, turn)) > leap_counts
-            for one in self._deceptions(joint)
+            for one in self.stack.touches.events(joint)
+            if _deceives(one)
         )
 
     @property

@@ -167,9 +167,11 @@ class ActivatedAsConfigured(Invariant):
 
     def _examine_reductions(self) -> None:
         """Check that the stack knows each torque limit that it has reduced."""
+        if not self._softened or not self.active:
+            return
         parts = [one.hardware for one in self.stack.loop.hardware.components]
         known = {name for part in parts if isinstance(part, Softening) for name in part.soft_torque.reduced}
-        for joint in self.joints if self._softened and self.active else ():
+        for joint in self.joints:
             wanted, series = self._reference.get(joint.name), series_of(joint.model)
             if joint.name in known or wanted is None or series.torque_limit is None:
                 continue

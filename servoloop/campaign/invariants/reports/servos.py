@@ -18,6 +18,7 @@ from servoloop.campaign.invariants.reports.sensors import alarm_names
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.event import Event
+from sim_backend.line.line import ServoLine
 from sim_backend.servos.sts.servo import VirtualServo
 
 _POSITION: Final = slice(sts.present_position.address, sts.present_position.address + sts.present_position.size)
@@ -157,26 +158,22 @@ class MeasuredNow(Invariant):
         self._shared_before = frozenset(joint.name for joint in self.joints)
         self._turns = [joint.model.counts_per_turn for joint in self.joints]
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
-        servos = [self.servos[joint.name] for joint in self.joints]
-        self._sample: Callable[[], Any] = lambda: [_own_count(servo) for servo in servos]
-        if all(not isinstance(servo, VirtualServo) for servo in servos):
-            # A Dynamixel servo updates its register only when it is read.
-            firmwares = [servo.firmware for servo in servos]
-            self._sample = lambda: [firmware.position for firmware in firmwares]
-        if len(stack.lines) == 1 and (tables := stack.bus.rig.tables) is not None:
-            # Copy the registers of all servos at once, as bytes, because this function is called every millisecond.
-            servos = list(stack.bus.servos)
-            self._sample = tables[:, _POSITION].copy
+        servos = [servo for line in stack.lines.values() for servo in line.servos]
+        self._samplers = [_sampler(line) for line in stack.lines.values()]
         self._columns = [servos.index(self.servos[joint.name]) for joint in self.joints]
         self._steps = [self._sample()]
-        """Positions of all servos in the last cycle and after each simulation step since then."""
+        """Positions of the servos of each line in the last cycle and after each simulation step since then."""
 
     def on_step(self, time_s: float) -> None:
         self._steps.append(self._sample())
 
+    def _sample(self) -> list[Any]:
+        return [sample() for sample in self._samplers]
+
     def on_state(self, state: JointState) -> None:
         shared = self.sharing_id
-        samples = _decoded(np.array(self._steps))[:, self._columns]
+        lines = [_decoded(np.array(samples)) for samples in zip(*self._steps, strict=True)]
+        samples = np.concatenate(lines, axis=1)[:, self._columns]
         lowest_of, highest_of = samples.min(axis=0), samples.max(axis=0)
         for place, joint in enumerate(self.joints):
             falsified = self.stack.touches.since_s(joint.name, FALSIFYING) <= 0.0
@@ -189,6 +186,22 @@ class MeasuredNow(Invariant):
             if not any(lowest - SAMPLED_COUNTS <= one <= highest + SAMPLED_COUNTS for one in beyond):
                 self.say(f"{joint.name} is reported at {counts:.0f}, but was between {lowest:.0f} and {highest:.0f}")
         self._steps, self._shared_before = self._steps[-1:], shared
+
+
+def _sampler(line: ServoLine[Any]) -> Callable[[], Any]:
+    """Return a function that returns the positions of all servos on a line, as register bytes or in counts.
+
+    It is called every millisecond. If possible, it therefore copies the registers of all servos together.
+    """
+    servos = list(line.servos)
+    if line.rig.tables is not None:
+        copied: Callable[[], Any] = line.rig.tables[:, _POSITION].copy
+        return copied
+    if any(isinstance(servo, VirtualServo) for servo in servos):
+        return lambda: [_own_count(servo) for servo in servos]
+    # A Dynamixel servo updates its register only when it is read.
+    firmwares = [servo.firmware for servo in servos]
+    return lambda: [firmware.position for firmware in firmwares]
 
 
 def _decoded(samples: NDArray[Any]) -> FloatArray:
