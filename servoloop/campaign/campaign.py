@@ -13,9 +13,9 @@ from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, hand_of, in_scenario, in_schedule, joints_and_hand
 from servoloop.campaign.draws.arm import draw_firmware, draw_jam, draw_limits, draw_setting
-from servoloop.campaign.draws.clients import draw_client, draw_end
+from servoloop.campaign.draws.clients import draw_client
 from servoloop.campaign.draws.coincidences import Coincidence, DrawnRun, draw_coincidence
-from servoloop.campaign.draws.end import draw_hurry
+from servoloop.campaign.draws.end import draw_end, draw_hurry
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule, with_narrow_limits
 from servoloop.campaign.scenario import Scenario, ScenarioError
