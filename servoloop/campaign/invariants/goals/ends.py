@@ -253,7 +253,7 @@ class GoalsAreJudged(Invariant):
         if None in answers:
             self.say("a malformed goal, or a motion of a program without control of the arm, was accepted")
         answers.clear()
-        if self.stack.clients is not None and self.stack.clients.half_switched:
+        if self.stack.clients is not None and self.stack.clients.lifecycle.half_switched:
             self.say("a strict switch with an unknown controller was carried out in part")
         for logged in sent:
             if self._incomplete(logged.goal, logged.controller):
