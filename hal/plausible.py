@@ -40,7 +40,7 @@ RANGES: Final = {
     "deceleration": Range(0.0, 100_000.0, "rad/s² or m/s²"),
     "tolerance": Range(0.0, 100_000.0, "rad or m"),
     "factor": Range(0.0, 1000.0, "(1 is unchanged)"),
-    "torque": Range(-10_000.0, 10_000.0, "N m"),
+    "torque": Range(-100.0, 100.0, "N m"),
     "counts": Range(-1_048_575, 1_048_575, "counts of the servo"),
     "backlash": Range(0.0, 10.0, "degrees"),
     "share": Range(1e-6, 1.0, "(1 is all)"),

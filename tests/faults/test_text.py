@@ -70,6 +70,7 @@ def test_a_text_is_parsed(text: str, event: Event) -> None:
         ("adapter_unplugged as=ttyACM1", ["needs for_s"]),
         ("adapter_unplugged for=1s as=", ["as: must not be empty: omit it to keep the name of the adapter"]),
         ("lost_replies chance=1.5", ["chance: must be at most 1, not '1.5'"]),
+        ("overload id=1 torque=10000", ["torque: must be -100 to 100 N m, not"]),
     ],
 )
 def test_all_mistakes_of_a_text_are_reported(text: str, said: list[str]) -> None:
