@@ -159,22 +159,19 @@ class MeasuredNow(Invariant):
         self._turns = [joint.model.counts_per_turn for joint in self.joints]
         self._order = [stack.loop.hardware.joints.index(joint.name) for joint in self.joints]
         servos = [servo for line in stack.lines.values() for servo in line.servos]
-        self._samplers = [_sampler(line) for line in stack.lines.values()]
         self._columns = [servos.index(self.servos[joint.name]) for joint in self.joints]
-        self._steps = [self._sample()]
-        """Positions of the servos of each line in the last cycle and after each simulation step since then."""
+        self._lines = [(sample, [sample()]) for sample in map(_sampler, stack.lines.values())]
+        """For each line, the function that samples the positions of its servos, and their positions in the last cycle
+        and after each simulation step since then."""
 
     def on_step(self, time_s: float) -> None:
-        self._steps.append(self._sample())
-
-    def _sample(self) -> list[Any]:
-        return [sample() for sample in self._samplers]
+        for sample, samples in self._lines:
+            samples.append(sample())
 
     def on_state(self, state: JointState) -> None:
         shared = self.sharing_id
-        lines = [_decoded(np.array(samples)) for samples in zip(*self._steps, strict=True)]
-        samples = np.concatenate(lines, axis=1)[:, self._columns]
-        lowest_of, highest_of = samples.min(axis=0), samples.max(axis=0)
+        positions = np.concatenate([_decoded(np.array(samples)) for _, samples in self._lines], axis=1)
+        lowest_of, highest_of = positions.min(axis=0)[self._columns], positions.max(axis=0)[self._columns]
         for place, joint in enumerate(self.joints):
             falsified = self.stack.touches.since_s(joint.name, FALSIFYING) <= 0.0
             if joint.name in state.faults or joint.name in shared | self._shared_before or falsified:
@@ -185,7 +182,9 @@ class MeasuredNow(Invariant):
             beyond = (counts - turns * self._turns[place] for turns in (0, -1, 1))  # A shaft may be past its seam.
             if not any(lowest - SAMPLED_COUNTS <= one <= highest + SAMPLED_COUNTS for one in beyond):
                 self.say(f"{joint.name} is reported at {counts:.0f}, but was between {lowest:.0f} and {highest:.0f}")
-        self._steps, self._shared_before = self._steps[-1:], shared
+        self._shared_before = shared
+        for _, samples in self._lines:
+            del samples[:-1]
 
 
 def _sampler(line: ServoLine[Any]) -> Callable[[], Any]:
