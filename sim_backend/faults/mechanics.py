@@ -39,7 +39,7 @@ class Jammed(OfServo, Lasting):
 
 
 class Overload(OfServo, Lasting):
-    """An external torque acts on a servo's shaft.
+    """An external torque of at most 100 N m acts on a servo's shaft.
 
     By default, this torque exceeds the servo's own torque, which triggers the servo's protection.
     """
