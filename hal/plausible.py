@@ -41,6 +41,7 @@ RANGES: Final = {
     "tolerance": Range(0.0, 100_000.0, "rad or m"),
     "factor": Range(0.0, 1000.0, "(1 is unchanged)"),
     "torque": Range(-100.0, 100.0, "N m"),
+    "stall_torque": Range(0.0, 10_000.0, "N m"),
     "counts": Range(-1_048_575, 1_048_575, "counts of the servo"),
     "backlash": Range(0.0, 10.0, "degrees"),
     "share": Range(1e-6, 1.0, "(1 is all)"),
@@ -119,6 +120,7 @@ Tolerance = Annotated[float, NotNegative, _is("tolerance"), NoTruth]
 Effort = Annotated[float, NotNegative, _is("effort"), NoTruth]
 Factor = Annotated[float, NotNegative, _is("factor"), NoTruth]
 Torque = Annotated[float, Finite, _is("torque"), NoTruth]
+StallTorque = Annotated[float, Positive, _is("stall_torque"), NoTruth]
 Counts = Annotated[int, _is("counts"), NoTruth]
 Number = Annotated[int, Field(ge=0), _is("number"), NoTruth]
 FaultCount = Annotated[int, Field(ge=0), _is("number_of_faults"), NoTruth]

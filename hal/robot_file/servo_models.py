@@ -19,7 +19,7 @@ from drivers.servos.register import Access, Register, ServoModel, between, merge
 from drivers.servos.series import Series
 from drivers.servos.voltage import voltage_range
 from hal.hal_errors import RobotFileError
-from hal.plausible import Amperes, NoTruth, RegisterValue, Speed, Torque, Volts
+from hal.plausible import Amperes, NoTruth, RegisterValue, Speed, StallTorque, Volts
 from hal.text_file import exists
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
@@ -105,7 +105,7 @@ class ModelFile(_Strict):
     number: Whole = Field(ge=0, le=65535)
     rated_voltage_v: Volts | None = Field(None, gt=0)
     supply_v: tuple[Volts, Volts] | None = None
-    stall_torque_nm: Torque | None = Field(None, gt=0)
+    stall_torque_nm: StallTorque | None = None
     stall_current_a: Amperes | None = Field(None, gt=0)
     no_load_speed_rad_s: Speed | None = Field(None, gt=0)
     current_unit_a: Amperes | None = Field(None, gt=0)

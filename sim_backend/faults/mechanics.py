@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 from pydantic import field_validator
 
 from drivers.servos.register import ServoModel
-from hal.plausible import Counts, Torque
+from hal.plausible import RANGES, Counts, Torque
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
 from sim_backend.faults.fault_error import FaultError
 from sim_backend.faults.tails import about, either_way, log_uniform
@@ -65,7 +65,8 @@ class Overload(OfServo, Lasting):
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
         parameters = super().draw_parameters(random, there)
         stall_nm = model_of(parameters, there).stall_torque_nm
-        return {**parameters, "torque_nm": either_way(random, about(random, stall_nm, 10.0))}
+        torque_nm = min(about(random, stall_nm, 10.0), RANGES["torque"].highest)
+        return {**parameters, "torque_nm": either_way(random, torque_nm)}
 
 
 class SlippedHorn(Momentary, OfServo):

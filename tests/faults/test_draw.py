@@ -2,18 +2,22 @@
 
 from collections import Counter
 from contextlib import ExitStack
+from dataclasses import replace
 from math import log10
 from random import Random
 from typing import Any
 
 import pytest
 
+from drivers.servos.sts import STS3215
+from hal.plausible import RANGES
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.faults.draw import draw
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import KINDS
 from sim_backend.faults.false_replies import FalsePosition
 from sim_backend.faults.fault_error import FaultError
+from sim_backend.faults.mechanics import Overload
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.replies import FlippedReplies, LostReplies
 from sim_backend.faults.servos import Hot
@@ -146,6 +150,12 @@ def test_drawn_values_lie_on_both_sides_of_the_limit(kind: str, parameter: str, 
     servos = Inventory({"": TWO_LINES.servos["arm"]})
     sizes = sorted(abs(value) for value in drawn(kind, parameter, servos))
     assert sizes[0] < 0.5 * usual < 2.0 * usual < sizes[-1]
+
+
+def test_the_torque_drawn_for_a_strong_servo_is_plausible() -> None:
+    servos = Inventory({"": {1: replace(STS3215, stall_torque_nm=45.0)}})
+    torques = [Overload.draw_parameters(Random(seed), servos)["torque_nm"] for seed in range(100)]
+    assert max(abs(torque) for torque in torques) == RANGES["torque"].highest
 
 
 @pytest.mark.parametrize("kind", ["overload", "slipped_horn", "false_position", "controller_jumps"])
