@@ -178,5 +178,5 @@ FOLLOW_UPS: Final[tuple[tuple[Callable[[str, Act], bool], float, FollowUp], ...]
     (_after(SocketMove), INTERRUPTED, _interrupt_motion),
     (lambda kind, act: isinstance(act, SocketRequest) and act.op == "freedrive", INTERRUPTED, _interrupt_freedrive),
 )
-"""For each action that may follow: whether it can follow an action of this client, how often it does, and how it is
-drawn. They are considered in this order, and each may follow one that was appended before it."""
+"""Condition on the client and its latest action, frequency and draw of each follow-up, in this order. A follow-up may
+follow an action that another follow-up has just appended."""

@@ -65,6 +65,7 @@ def _beyond(random: Random, limit: JointLimits) -> float:
 
 
 def draw_arm_goal(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> FollowWaypoints | Move:
+    """Draw a goal with one or several points, in some cases with its own tolerances."""
     if random.random() < 0.3:
         return _waypoints(random, joints, at_s)
     own = _own_tolerances(random) if random.random() < OWN_TOLERANCES else {}

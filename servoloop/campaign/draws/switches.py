@@ -21,9 +21,11 @@ def draw_handover(random: Random, at_s: float) -> Act:
 
 
 def draw_speed(random: Random, at_s: float) -> ScaleSpeed:
+    """Draw a new speed scaling factor."""
     factor = random.choices([1.0, 0.0, round(random.uniform(0.05, 1.0), 2)], FACTORS)[0]
     return ScaleSpeed(at_s=at_s, factor=factor)
 
 
 def draw_share(random: Random) -> float:
+    """Draw a fraction from 0.2 to 1 with either sign."""
     return round(random.choice([-1.0, 1.0]) * random.uniform(0.2, 1.0), 2)

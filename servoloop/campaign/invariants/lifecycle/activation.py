@@ -13,7 +13,6 @@ from servoloop.api.freedrive import FREEDRIVE
 from servoloop.campaign.invariants.invariant import DECEIVING, Invariant
 from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
-from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.settings import WRONG_SETTING
 
 CHANGES: Final = frozenset(
@@ -217,8 +216,7 @@ class ActivatedAsConfigured(Invariant):
     def _starts_wrong(self, joint: Joint) -> bool:
         """Return whether all wrong settings of a joint existed before the start, so that the activation corrects
         them."""
-        faults = (*self.stack.player.active.values(), *self.stack.player.happened)
-        wrong = [one for one in faults if one.kind == WRONG_SETTING and joint.name in touched_joints(one, self.joints)]
+        wrong = [one for one in self.stack.touches.events(joint.name) if one.kind == WRONG_SETTING]
         return all(one.since == "start" and one.at_s == 0.0 for one in wrong)
 
     def _examine(self, joint: Joint, wanted: ReferenceJoint) -> None:
